@@ -1,0 +1,47 @@
+"""A follower that flips between yielding and not yielding at times nobody knows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from mjmerge.drivers.base import Along, Array, Driver
+
+
+class Flips(Driver):
+    """An intermittent yielder: between two gaps, at random times, within an acceleration limit."""
+
+    kind: Literal["flips"] = "flips"
+    closed_gap_m: float = Field(gt=0)
+    """Gap it keeps while it does not yield, front axle to front axle, m; it starts with this."""
+    open_gap_m: float = Field(gt=0)
+    """Gap it opens to while it yields, m."""
+    hold_min_s: float = Field(default=1.0, gt=0)
+    """Shortest time it keeps an intention, s."""
+    hold_max_s: float = Field(default=4.0, gt=0)
+    """Longest time it keeps an intention, s; drawn uniformly between the two."""
+    limit_mps2: float = Field(default=2.0, gt=0)
+    """Largest acceleration and braking, m/s^2."""
+    bandwidth_radps: float = Field(default=1.5, gt=0)
+    """How eagerly it follows its intention, rad/s."""
+
+    def draw(self, rngs: Sequence[np.random.Generator], duration_s: float) -> Array:
+        """Times of the flips, s, (N, K), increasing along the last axis."""
+        low, high = sorted((self.hold_min_s, self.hold_max_s))
+        count = ceil(duration_s / low) + 1
+        return np.stack([np.cumsum(rng.uniform(low, high, count)) for rng in rngs])
+
+    def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
+        """See :meth:`Driver.acceleration_mps2`."""
+        assert drawn is not None, "draw() comes first"
+        yielding = np.count_nonzero(drawn <= time_s, axis=1) % 2 == 1
+        gap = np.where(yielding, self.open_gap_m, self.closed_gap_m)
+        w = self.bandwidth_radps
+        gap_error = leader.position_m - own.position_m - gap
+        rate_error = leader.speed_mps - own.speed_mps
+        wanted = leader.acceleration_mps2 + w * w * gap_error + 2 * w * rate_error
+        return np.clip(wanted, -self.limit_mps2, self.limit_mps2)

@@ -1,0 +1,90 @@
+"""A follower whose gap to the leader is a given function of time: yielding is opening it."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from mjmerge.drivers.base import Along, Array, Driver
+from mjmerge.frozen import Frozen
+
+
+def _smooth_step(shape: str, x: float) -> tuple[float, float, float]:
+    """A step from 0 to 1 over 0 <= x <= 1 with its first two derivatives in x."""
+    if x >= 1.0:
+        return 1.0, 0.0, 0.0
+    if shape == "cubic":
+        return x * x * (3 - 2 * x), 6 * x * (1 - x), 6 - 12 * x
+    return x**3 * (10 - 15 * x + 6 * x * x), 30 * (x * (1 - x)) ** 2, 60 * x * (1 - x) * (1 - 2 * x)
+
+
+class Sway(Frozen):
+    """An indecision: the gap breathes by A sin(2 pi t/T + phase)."""
+
+    amplitude_m: float
+    """A, m."""
+    period_s: float = Field(gt=0)
+    """T, s."""
+    phase_rad: float = 0.0
+    """Phase at t = 0, rad."""
+
+
+class Move(Frozen):
+    """A change of mind: from whatever the gap was to a new one, along a smooth step."""
+
+    start_s: float = Field(ge=0)
+    """When it starts, s."""
+    duration_s: float = Field(gt=0)
+    """How long it takes, s."""
+    gap_m: float = Field(gt=0)
+    """The gap it ends with, front axle to front axle, m."""
+    step: Literal["cubic", "quintic"] = "quintic"
+    """Shape of the step: 3s^2 - 2s^3 or 10s^3 - 15s^4 + 6s^5."""
+
+
+class Gap(Driver):
+    """Follows a gap profile behind the leader: yields by opening it, refuses by closing it.
+
+    The intended acceleration is the profile's own plus a critically damped return to it.
+    """
+
+    kind: Literal["gap"] = "gap"
+    gap_m: float = Field(gt=0)
+    """Gap to start from, front axle to front axle, m."""
+    sway: Sway | None = None
+    """Breathing of that gap, until a move replaces it."""
+    moves: Annotated[tuple[Move, ...], Field(strict=False)] = ()
+    """Changes of mind, in order of time."""
+    bandwidth_radps: float = Field(default=3.0, gt=0)
+    """Speed of the return to the profile, rad/s."""
+
+    def profile(self, time_s: float) -> tuple[float, float, float]:
+        """The intended gap and its first two time derivatives, (m, m/s, m/s^2)."""
+        gap, rate, acceleration = self.gap_m, 0.0, 0.0
+        if self.sway is not None:
+            amplitude, w = self.sway.amplitude_m, 2 * pi / self.sway.period_s
+            phase = w * time_s + self.sway.phase_rad
+            gap += amplitude * sin(phase)
+            rate += amplitude * w * cos(phase)
+            acceleration -= amplitude * w * w * sin(phase)
+        for move in self.moves:
+            if time_s < move.start_s:
+                break
+            duration = move.duration_s
+            s, s1, s2 = _smooth_step(move.step, (time_s - move.start_s) / duration)
+            to = move.gap_m - gap
+            acceleration = (1 - s) * acceleration - 2 * s1 / duration * rate + s2 / duration**2 * to
+            rate = (1 - s) * rate + s1 / duration * to
+            gap += s * to
+        return gap, rate, acceleration
+
+    def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
+        """See :meth:`Driver.acceleration_mps2`."""
+        del drawn
+        gap, rate, acceleration = self.profile(time_s)
+        gap_error = leader.position_m - own.position_m - gap
+        rate_error = leader.speed_mps - own.speed_mps - rate
+        w = self.bandwidth_radps
+        return leader.acceleration_mps2 - acceleration + w * w * gap_error + 2 * w * rate_error

@@ -1,0 +1,24 @@
+"""A leader that keeps its speed."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from mjmerge.drivers.base import Along, Array, Driver
+
+
+class Steady(Driver):
+    """Keeps a speed: u = gain (speed - v)."""
+
+    kind: Literal["steady"] = "steady"
+    speed_mps: float
+    """Speed to keep, m/s."""
+    gain_per_s: float = Field(default=2.0, gt=0)
+    """How hard it goes back to that speed, 1/s."""
+
+    def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
+        """See :meth:`Driver.acceleration_mps2`."""
+        del time_s, leader, drawn
+        return self.gain_per_s * (self.speed_mps - own.speed_mps)

@@ -1,0 +1,68 @@
+"""Every error mjmerge raises on purpose: one root, and each builds its own message."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+class MjmergeError(Exception):
+    """Root of all errors that a user can cause or act on."""
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """``did you mean 'k_o'?`` or the list of valid names, as the end of a message."""
+    names = sorted(valid)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return "valid names: " + ", ".join(names) if names else "there are none"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong with a scenario: where it stands and what to do.
+
+    Attributes:
+        message: what is wrong and what to do about it.
+        key: dotted path of the key, ``law.k_o``; empty for the file as a whole.
+        line: 1-based line in the file; ``None`` where there is none (``--set``, a mapping).
+    """
+
+    message: str
+    key: str = ""
+    line: int | None = None
+
+
+class ScenarioError(MjmergeError):
+    """A scenario that cannot be run, with every problem found in it."""
+
+    def __init__(self, source: str | Path, problems: Sequence[Problem]) -> None:
+        self.source = str(source)
+        self.problems = tuple(problems)
+        lines = []
+        for p in self.problems:
+            place = f"{source}:{p.line}" if p.line is not None else f"{source}"
+            lines.append(f"{place}: {p.key + ': ' if p.key else ''}{p.message}")
+        super().__init__("\n".join(lines))
+
+
+class UnknownNameError(MjmergeError):
+    """A name (scenario, model, plant, run folder) that does not exist."""
+
+    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        super().__init__(f"no {kind} called {name!r}: {nearest(name, valid)}")
+
+
+class ModelError(MjmergeError):
+    """A car model or a composed world that is not what the rest relies on."""
+
+
+class OutputError(MjmergeError):
+    """An output folder or file that cannot be written, or must not be overwritten."""
+
+
+class RecordingError(MjmergeError):
+    """A recorder that failed while the simulation went on."""

@@ -1,0 +1,173 @@
+"""The scenario: what one YAML file says, frozen once loaded.
+
+Units are in the key names. Positions are **front-axle centres in the road frame**: x along the road
+(the paper's rho), y to the left of it (eta). Every number the paper leaves open is a key here, with the
+default we chose and why.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from mjmerge import drivers as _drivers
+from mjmerge.frozen import Frozen
+
+CARS = ("ego", "vehicle_1", "vehicle_2")
+"""The cars of every scenario, in the order of every array's car axis."""
+
+if TYPE_CHECKING:
+    DriverSpec = _drivers.Driver
+else:
+    DriverSpec = _drivers.union()
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Point = Annotated[tuple[float, float], Field(strict=False)]
+
+
+class Law(Frozen):
+    """Gains and parameters of the paper's law, in the paper's letters; defaults are its Section 4."""
+
+    variant: str = "literal"
+    """Which reading of the equations to run; ``mjmerge list laws`` shows them."""
+    k_p: NonNegative = 0.7
+    """Position gain, 1/s^2 (the paper's eq. for u^n writes k_d once; it is k_p)."""
+    k_v: NonNegative = 2.0
+    """Velocity gain, 1/s."""
+    k_o: NonNegative = 1.0
+    """Barrier gain, m/s; 0 switches the barrier off."""
+    k_w: Positive = 40.0
+    """Slope of the opinion's weight w = tanh(k_w z)."""
+    k_mu: Positive = 5.0
+    """Decay rate of mu, 1/s."""
+    k: Positive = 20.0
+    """Slope of the tanh in the mu-law, s/m."""
+    k_s: Positive = 1.0
+    """Gain of that tanh, 1/s; the paper writes it as a bare 1."""
+    eps: Positive = 0.05
+    """Time scale of the opinion, s."""
+    eps_1: NonNegative = 0.5
+    """Fastest divergent flow of the gap that still counts as staying open, 1/s."""
+    r_m: Positive = 0.6
+    """Safe margin r between front axles, m."""
+    r_rho_m: float
+    """Offset r^rho of the target behind Vehicle 1, m; negative, because rho points forward."""
+    r_eta_m: float
+    """Lateral offset r^eta of the target while w = 0, m: where the ego's own lane is."""
+    eps_v_mps: Positive = 0.1
+    """Speed below which the bicycle inverse uses sign(v_r) eps_v in place of v_r, m/s (sign(0) = +1)."""
+
+
+class CarStart(Frozen):
+    """Where a car is at t = 0; it points along the road with straight wheels."""
+
+    front_m: Point
+    """Front-axle centre [x, y] in the road frame, m."""
+    speed_mps: float
+    """Speed along the road, m/s."""
+
+
+class Initial(Frozen):
+    """State at t = 0."""
+
+    ego: CarStart
+    vehicle_1: CarStart
+    vehicle_2: CarStart
+    z: NonNegative = 0.15
+    """Opinion z(0); the paper asks for a small positive number."""
+    mu: float = 0.0
+    """Bifurcation parameter mu(0), 1."""
+
+
+class Drivers(Frozen):
+    """Who drives the neighbours; ``mjmerge list drivers`` shows the kinds."""
+
+    vehicle_1: DriverSpec
+    vehicle_2: DriverSpec
+
+
+class Models(Frozen):
+    """The car model of each car; ``mjmerge list models`` shows them."""
+
+    ego: str = "rc"
+    vehicle_1: str = "rc"
+    vehicle_2: str = "rc"
+
+
+class Road(Frozen):
+    """The road as it is drawn; it is flat and straight, and its grip is a mismatch, not a design value."""
+
+    lane_width_m: Positive = 1.2
+    """Width of a lane as drawn, m; the paper gives none."""
+
+
+class Belief(Frozen):
+    """What the ego believes of itself where it differs from its model's data sheet; null = data sheet."""
+
+    wheelbase_m: Positive | None = None
+    """Wheelbase L, m."""
+    mass_kg: Positive | None = None
+    """Mass, m, kg."""
+    wheel_radius_m: Positive | None = None
+    """Rolling radius, m."""
+
+
+class Mismatch(Frozen):
+    """How the truth differs from what the law is told; only the ``mujoco`` plant has one. See mismatch.py."""
+
+    friction: Annotated[float, Field(gt=0, le=2)] = 1.0
+    """Coulomb friction between all tyres and the road, 1."""
+    command_delay_s: Annotated[float, Field(ge=0, le=2)] = 0.0
+    """Dead time of the ego's steering and drive commands, s."""
+
+
+class Floor(Frozen):
+    """A one-sided bound."""
+
+    at_least: float = 0.0
+    """The run fails below this."""
+
+
+class Expect(Frozen):
+    """What must come out for exit code 0."""
+
+    min_distance_m: Floor = Floor()
+    """Safety floor on min over t of d_1 and d_2, m. Whatever it says, d_j <= 0 and touching bodies fail."""
+
+
+class Scenario(Frozen):
+    """One run, described completely: with a seed, a plant and the versions it gives the same bits again."""
+
+    description: str = ""
+    """One line for ``mjmerge list``."""
+    duration_s: Annotated[float, Field(gt=0, le=3600)] = 35.0
+    """Simulated time, s."""
+    control_step_s: Annotated[float, Field(gt=0, le=1)] = 0.01
+    """Time the law's command is held, s; the paper has none (continuous time)."""
+    physics_step_s: Annotated[float, Field(ge=1e-5, le=0.02)] = 0.001
+    """Time step of the physics, s; the control step is a whole multiple of it."""
+    initial: Initial
+    law: Law
+    drivers: Drivers
+    models: Models = Models()
+    road: Road = Road()
+    belief: Belief = Belief()
+    mismatch: Mismatch = Mismatch()
+    expect: Expect = Expect()
+
+    name: Annotated[str, Field(exclude=True, repr=False)] = ""
+
+    @property
+    def ticks(self) -> int:
+        """Number of control ticks in the trace, both ends included."""
+        return round(self.duration_s / self.control_step_s) + 1
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps per control step."""
+        return round(self.control_step_s / self.physics_step_s)
+
+
+Plant = Literal["double_integrator", "bicycle", "mujoco"]

@@ -1,0 +1,43 @@
+"""Where the shipped models and scenarios are: beside the package in a wheel, above it in a checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mjmerge.errors import UnknownNameError
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def folder(kind: str) -> Path:
+    """Folder of the shipped ``"models"`` or ``"scenarios"``."""
+    packed = _PACKAGE / "_share" / kind
+    return packed if packed.is_dir() else _PACKAGE.parent / kind
+
+
+def scenarios() -> dict[str, Path]:
+    """Shipped scenarios, name to file."""
+    return {p.stem: p for p in sorted(folder("scenarios").glob("*.yaml"))}
+
+
+def models() -> dict[str, Path]:
+    """Shipped car models, name to folder."""
+    return {p.parent.name: p.parent for p in sorted(folder("models").glob("*/datasheet.yaml"))}
+
+
+def model_folder(name: str) -> Path:
+    """Folder of a car model.
+
+    Args:
+        name: a shipped model's name, or the path of a folder of the same form.
+
+    Raises:
+        UnknownNameError: there is neither.
+    """
+    shipped = models()
+    if name in shipped:
+        return shipped[name]
+    path = Path(name)
+    if (path / "datasheet.yaml").is_file():
+        return path.resolve()
+    raise UnknownNameError("car model", name, shipped)
