@@ -29,11 +29,13 @@ class Problem:
         message: what is wrong and what to do about it.
         key: dotted path of the key, ``law.k_o``; empty for the file as a whole.
         line: 1-based line in the file; ``None`` where there is none (``--set``, a mapping).
+        source: where it stands if not in the scenario itself: a ``--set``, a data sheet.
     """
 
     message: str
     key: str = ""
     line: int | None = None
+    source: str | None = None
 
 
 class ScenarioError(MjmergeError):
@@ -44,7 +46,9 @@ class ScenarioError(MjmergeError):
         self.problems = tuple(problems)
         lines = []
         for p in self.problems:
-            place = f"{source}:{p.line}" if p.line is not None else f"{source}"
+            place = p.source or self.source
+            if p.line is not None:
+                place += f":{p.line}"
             lines.append(f"{place}: {p.key + ': ' if p.key else ''}{p.message}")
         super().__init__("\n".join(lines))
 

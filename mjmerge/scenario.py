@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator
 
 from mjmerge import drivers as _drivers
 from mjmerge.frozen import Frozen
@@ -157,7 +157,29 @@ class Scenario(Frozen):
     mismatch: Mismatch = Mismatch()
     expect: Expect = Expect()
 
-    name: Annotated[str, Field(exclude=True, repr=False)] = ""
+    _name: str = PrivateAttr(default="scenario")
+
+    @property
+    def name(self) -> str:
+        """What the run is called: the stem of the file it came from. Not a key, and not compared."""
+        return self._name
+
+    def named(self, name: str) -> Scenario:
+        """The same scenario under another name."""
+        copy = self.model_copy()
+        copy._name = name
+        return copy
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scenario) and self.model_dump() == other.model_dump()
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _hand_over(cls, value: object, info: ValidationInfo) -> object:
+        """Put every valid section into the context, so that an invalid scenario's can be checked too."""
+        if info.context is not None:
+            info.context[info.field_name] = value
+        return value
 
     @property
     def ticks(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from mjmerge.errors import UnknownNameError
@@ -25,11 +26,12 @@ def models() -> dict[str, Path]:
     return {p.parent.name: p.parent for p in sorted(folder("models").glob("*/datasheet.yaml"))}
 
 
-def model_folder(name: str) -> Path:
+def model_folder(name: str, near: Path | None = None) -> Path:
     """Folder of a car model.
 
     Args:
         name: a shipped model's name, or the path of a folder of the same form.
+        near: where a relative path is looked for first, before the current folder.
 
     Raises:
         UnknownNameError: there is neither.
@@ -37,7 +39,7 @@ def model_folder(name: str) -> Path:
     shipped = models()
     if name in shipped:
         return shipped[name]
-    path = Path(name)
-    if (path / "datasheet.yaml").is_file():
-        return path.resolve()
+    for path in ([near / name] if near else []) + [Path(name)]:
+        if os.path.isfile(path / "datasheet.yaml"):  # noqa: PTH113 (Path's raises where a name is too long)
+            return path.resolve()
     raise UnknownNameError("car model", name, shipped)

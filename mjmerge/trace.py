@@ -6,16 +6,20 @@ fills it, the recorders write it, and the documentation lists it from this decla
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.scenario import CARS, Scenario
+from mjmerge.state import Mask
 
 Array = NDArray[np.float64]
+BLOCK_TICKS = 500
+"""Ticks that reach a sink at once: what a crash can lose, at most."""
+
 XY = ("x", "y")
 NEIGHBOURS = CARS[1:]
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -104,9 +108,6 @@ class Trace:
     torque_clipped_n_m: Array = _column("tau clipped", "torque asked for and not given", CARS)
     steer_clipped_rad: Array = _column("delta clipped", "steering asked for and not given", CARS)
 
-    qpos: Array | None = None
-    """Generalised positions of the composed MuJoCo world, (N, T, nq), when poses were asked for."""
-
     @property
     def runs(self) -> int:
         """Number of simulations N."""
@@ -149,20 +150,77 @@ class Block:
 
     ticks: NDArray[np.int64]
     time_s: Array
-    columns: dict[str, Array]
+    columns: Mapping[str, Array]
     qpos: Array
 
 
-def blocks(trace: Trace, run: int, size: int = 500) -> Iterator[Block]:
-    """A simulation of a finished trace, cut into blocks of ``size`` ticks, up to where it stopped."""
-    assert trace.qpos is not None, "simulate(..., poses=True) keeps what the recorders need"
-    alive = np.flatnonzero(~np.isnan(trace.front_m[run, :, 0, 0]))
-    end = int(alive[-1]) + 1 if alive.size else 0
-    for start in range(0, end, size):
-        part = slice(start, min(start + size, end))
-        yield Block(
-            ticks=np.arange(part.start, part.stop),
-            time_s=trace.time_s[part],
-            columns={c.name: getattr(trace, c.name)[run, part] for c in COLUMNS},
-            qpos=trace.qpos[run, part],
+class Sink(Protocol):
+    """Where the blocks of a running simulation go."""
+
+    def write(self, block: Block) -> None:
+        """Takes the next ticks of simulation 0."""
+
+
+class Log:
+    """The trace while it is being written; hands simulation 0 to a sink, block by block."""
+
+    def __init__(self, scenario: Scenario, plant: str, seeds: NDArray[np.int64], sink: Sink | None) -> None:
+        self._scenario, self._plant, self._seeds, self._sink = scenario, plant, seeds, sink
+        self.time_s = np.arange(scenario.ticks) * scenario.control_step_s
+        self.columns = {c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan) for c in COLUMNS}
+        self._stops: list[Stop] = []
+        self._qpos: list[Array] = []
+        self._ticks = 0
+
+    def write(self, row: Mapping[str, Array], running: Mask, qpos: Callable[[], Array]) -> None:
+        """One tick of all simulations; those not running stay NaN.
+
+        Args:
+            row: value of every column, (N, ...).
+            running: which simulations still run, (N,).
+            qpos: gives the generalised positions of simulation 0 now, (nq,), if they are needed.
+        """
+        k, everyone = self._ticks, running.all()
+        for name, value in row.items():
+            if everyone:
+                self.columns[name][:, k] = value
+            else:
+                self.columns[name][running, k] = value[running]
+        self._ticks = k + 1
+        if self._sink is not None and running[0]:
+            self._qpos.append(qpos())
+            if len(self._qpos) == BLOCK_TICKS:
+                self.flush()
+
+    def flush(self) -> None:
+        """Hands the sink what it has not had yet."""
+        if self._sink is None or not self._qpos:
+            return
+        part = slice(self._ticks - len(self._qpos), self._ticks)
+        self._sink.write(
+            Block(
+                ticks=np.arange(part.start, part.stop),
+                time_s=self.time_s[part],
+                columns={name: values[0, part] for name, values in self.columns.items()},
+                qpos=np.stack(self._qpos),
+            )
+        )
+        self._qpos.clear()
+
+    def stop(self, stop: Stop) -> None:
+        """A simulation ends here, before its time."""
+        if stop.run == 0:
+            self.flush()
+        self._stops.append(stop)
+
+    def finish(self) -> Trace:
+        """The trace, complete."""
+        self.flush()
+        return Trace(
+            scenario=self._scenario,
+            plant=self._plant,
+            seeds=self._seeds,
+            stops=tuple(self._stops),
+            time_s=self.time_s,
+            **self.columns,
         )

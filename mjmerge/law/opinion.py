@@ -1,0 +1,55 @@
+"""Opinion z and bifurcation parameter mu: whether the ego wants to merge.
+
+    z'  = (mu z - z^2) / eps                                                       (zi-2)
+    mu' = -k_mu mu + k_s tanh(-k (rho.g_1)(rho.g_2)(dbar - 2r)(dbar'/dbar + eps_1))  (mu)
+
+Over one control step the input of the mu-law is held, and both equations are then solved, not stepped:
+mu exactly, z exactly for the step's mean mu. So z >= 0 always, and z does not depend on the step size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjmerge.scenario import Law
+from mjmerge.state import Array
+
+_MAX_EXPONENT = 700.0  # exp() of more overflows; z is 0 or mu to the last bit long before
+
+
+def bifurcation_input(law: Law, rho_g: Array, dbar: Array, dbar_dot: Array) -> Array:
+    """Right-hand side of (mu) without the decay: k_s tanh(...), 1/s, (N,).
+
+    Args:
+        law: gains.
+        rho_g: rho.g_1 and rho.g_2, (N, 2).
+        dbar: gap between the neighbours less r, m, (N,).
+        dbar_dot: its rate, m/s, (N,).
+    """
+    beside = rho_g[:, 0] * rho_g[:, 1]  # < 0 between the two
+    room = dbar - 2 * law.r_m  # > 0 if there is room
+    open_ = dbar_dot / np.where(dbar == 0, np.finfo(float).tiny, dbar) + law.eps_1  # > 0 if it stays open
+    return law.k_s * np.tanh(-law.k * beside * room * open_)
+
+
+def advance(law: Law, z: Array, mu: Array, mu_input: Array, step_s: float) -> tuple[Array, Array]:
+    """z and mu one control step later, each (N,).
+
+    Args:
+        law: gains.
+        z: opinion, >= 0, (N,).
+        mu: bifurcation parameter, (N,).
+        mu_input: :func:`bifurcation_input`, held over the step, 1/s, (N,).
+        step_s: control step h, s.
+    """
+    h = step_s
+    mu_inf = mu_input / law.k_mu  # where mu goes while the input is held
+    decay = np.exp(-law.k_mu * h)
+    mu_next = mu_inf + (mu - mu_inf) * decay
+    mu_mean = mu_inf + (mu - mu_inf) * ((1 - decay) / (law.k_mu * h))
+
+    # logistic z' = (m z - z^2)/eps:  z(h) = z / (e^-x + z (1 - e^-x)/m),  x = m h/eps
+    x = np.clip(mu_mean * (h / law.eps), -_MAX_EXPONENT, _MAX_EXPONENT)
+    flat = np.abs(x) < 1e-12  # (1 - e^-x)/m -> h/eps
+    growth = np.where(flat, h / law.eps, -np.expm1(-x) / np.where(flat, 1.0, x) * (h / law.eps))
+    return z / (np.exp(-x) + z * growth), mu_next

@@ -1,0 +1,41 @@
+"""Plants: what moves the cars. A ladder from the paper's own world to real physics, one interface.
+
+``double_integrator`` takes u, ``bicycle`` takes (a, omega), ``mujoco`` takes wheel torques and angles.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from mjmerge.errors import UnknownNameError
+from mjmerge.plant.base import Fault, Plant
+from mjmerge.scenario import Scenario
+from mjmerge.world import World
+
+__all__ = ["PLANTS", "Fault", "Plant", "make"]
+
+PLANTS: dict[str, str] = {
+    "double_integrator": "front axles are point masses: the paper's proof",
+    "bicycle": "kinematic bicycles without limits: the paper's vehicle model",
+    "mujoco": "physical cars with mass, tyres, suspension, servos and limits",
+}
+"""What each plant is, by name."""
+
+
+def make(name: str, scenario: Scenario, world: World | None, runs: int, threads: int) -> Plant:
+    """The plant of that name, at t = 0.
+
+    Args:
+        name: one of :data:`PLANTS`.
+        scenario: initial state and steps.
+        world: the compiled world; only ``mujoco`` needs it.
+        runs: number of simulations N.
+        threads: threads for the physics, 0 for all cores.
+
+    Raises:
+        UnknownNameError: there is no such plant.
+    """
+    if name not in PLANTS:
+        raise UnknownNameError("plant", name, PLANTS)
+    plant: Plant = import_module(f"mjmerge.plant.{name}").make(scenario, world, runs, threads)
+    return plant

@@ -1,0 +1,42 @@
+"""What every plant does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from mjmerge.state import Array, Cars, Controls, Mask
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A simulation that cannot go on.
+
+    Attributes:
+        run: which simulation.
+        car: index of the car.
+        reason: what happened, in words.
+    """
+
+    run: int
+    car: int
+    reason: str
+
+
+class Plant(Protocol):
+    """N simulations of the same cars; the only thing besides recorders that holds state."""
+
+    limited: bool
+    """Whether commands are limited to what the car can do; the ideal plants know no limits."""
+
+    def observe(self) -> Cars:
+        """The true motion of all cars now."""
+
+    def step(self, controls: Controls, running: Mask) -> None:
+        """One control step further, for the simulations that still run, (N,)."""
+
+    def faults(self) -> list[Fault]:
+        """Simulations whose state is no longer a state of cars on wheels."""
+
+    def qpos(self) -> Array:
+        """Generalised positions of the composed world as the cars are now, (N, nq)."""

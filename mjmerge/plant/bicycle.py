@@ -1,0 +1,73 @@
+"""The paper's vehicle: second-order kinematic bicycles (eq. bicycle_model), without limits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mjmerge.bicycle import derivative, front_velocity
+from mjmerge.loader import data_sheet
+from mjmerge.plant.base import Fault
+from mjmerge.plant.kinematic import no_clearance, not_finite, standing, start
+from mjmerge.scenario import CARS, Scenario
+from mjmerge.state import Array, Cars, Controls, Mask
+from mjmerge.world import World
+
+
+class Bicycle:
+    """State x_r, y_r, theta, v_r, delta per car, (N, C, 5); (a, omega) held over a step, classical RK4."""
+
+    limited = False
+
+    def __init__(self, state: Array, wheelbase_m: Array, step_s: float, world: World | None) -> None:
+        self._x, self._L, self._h = state, wheelbase_m, step_s
+        self._world = world
+        self._clearance_m = no_clearance(len(state))
+
+    def observe(self) -> Cars:
+        """See :meth:`Plant.observe`."""
+        x_r, y_r, theta, v_r, delta = (self._x[..., i].copy() for i in range(5))
+        front = np.stack([x_r + self._L * np.cos(theta), y_r + self._L * np.sin(theta)], axis=-1)
+        return Cars(
+            front_m=front,
+            velocity_mps=front_velocity(theta, v_r, delta),
+            heading_rad=theta,
+            speed_mps=v_r,
+            steer_rad=delta,
+            steer_command_rad=delta,
+            clearance_m=self._clearance_m,
+        )
+
+    def step(self, controls: Controls, running: Mask) -> None:
+        """See :meth:`Plant.step`."""
+        a = np.where(running[:, None], controls.a_mps2, 0.0)
+        omega = np.where(running[:, None], controls.omega_radps, 0.0)
+        h, x = self._h, self._x
+
+        def rate(state: Array) -> Array:
+            return derivative(self._L, state, a, omega)
+
+        k_1 = rate(x)
+        k_2 = rate(x + h / 2 * k_1)
+        k_3 = rate(x + h / 2 * k_2)
+        k_4 = rate(x + h * k_3)
+        self._x = x + h / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4)
+
+    def faults(self) -> list[Fault]:
+        """See :meth:`Plant.faults`."""
+        return not_finite(self._x)
+
+    def qpos(self) -> Array:
+        """See :meth:`Plant.qpos`."""
+        return standing(self._world, self.observe())
+
+
+def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> Bicycle:
+    """At t = 0; see :func:`mjmerge.plant.make`."""
+    del threads
+    front_m, speed_mps = start(scenario, runs)
+    wheelbase = np.array([data_sheet(getattr(scenario.models, car)).wheelbase_m for car in CARS])
+    state = np.zeros((*speed_mps.shape, 5))
+    state[..., 0] = front_m[..., 0] - wheelbase
+    state[..., 1] = front_m[..., 1]
+    state[..., 3] = speed_mps
+    return Bicycle(state, wheelbase, scenario.control_step_s, world)

@@ -1,0 +1,104 @@
+"""Physical cars: N simulations of one MJCF world on ``mujoco.batch``."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+
+from mjmerge.actuation import bicycle_angle
+from mjmerge.plant.base import Fault
+from mjmerge.plant.kinematic import start
+from mjmerge.scenario import CARS, Scenario
+from mjmerge.state import PAIRS, Array, Cars, Controls, Mask
+from mjmerge.world import DRIVE, SENSORS, STEER, World
+
+_TILTED = 0.5  # cosine of the tilt beyond which a car is off its wheels: 60 degrees
+
+
+class MuJoCo:
+    """Reads the world through its sensors, writes it through its actuators."""
+
+    limited = True
+
+    def __init__(self, world: World, scenario: Scenario, runs: int, threads: int) -> None:
+        model = world.model
+        self._batch = Batch(model, nsim=runs, nthread=threads)
+        self._substeps = scenario.substeps
+        self._sensors = self._batch.bind("sensordata")
+        self._ctrl = self._batch.bind("ctrl")
+        self._qpos = self._batch.bind("qpos")
+        self._errors: dict[int, str] = {}
+
+        def adr(name: str) -> int:
+            return int(model.sensor(name).adr[0])
+
+        self._at = {
+            name: np.array([[adr(f"{car}/{name}") + i for i in range(size)] for car in CARS])
+            for name, size in SENSORS.items()
+        }
+        self._clearance_at = np.array([adr(f"clearance_{CARS[a]}_{CARS[b]}") for a, b in PAIRS])
+        self._steer_at = np.array([[model.actuator(f"{car}/{n}").id for n in STEER] for car in CARS])
+        self._drive_at = np.array([[model.actuator(f"{car}/{n}").id for n in DRIVE] for car in CARS])
+        # geometry of its own cars, to turn two wheel angles into one: what a steering sensor reports
+        self._wheelbase_m = np.array([s.wheelbase_m for s in world.sheets])
+        self._track_m = np.array([s.track_m for s in world.sheets])
+        self._steer_command = np.zeros((runs, len(CARS)))
+
+        front_m, speed_mps = start(scenario, runs)
+        still = np.zeros_like(speed_mps)
+        self._qpos[:] = world.qpos(front_m, still, np.stack([still, still], axis=-1), still)
+        self._batch.qvel = world.qvel(speed_mps)
+        self._batch.forward()
+
+    def observe(self) -> Cars:
+        """See :meth:`Plant.observe`."""
+        front = self._read("front_position")
+        forward = self._read("forward_axis")
+        steer = np.concatenate([self._read("steer_left"), self._read("steer_right")], axis=-1)
+        return Cars(
+            front_m=front[..., :2],
+            velocity_mps=self._read("front_velocity")[..., :2],
+            heading_rad=np.arctan2(forward[..., 1].copy(), forward[..., 0].copy()),
+            speed_mps=self._read("rear_velocity")[..., 0],
+            steer_rad=bicycle_angle(steer, self._wheelbase_m, self._track_m),
+            steer_command_rad=self._steer_command,
+            clearance_m=np.take(self._sensors, self._clearance_at, axis=1),
+        )
+
+    def _read(self, name: str) -> Array:
+        """A sensor of every car, (N, C, size)."""
+        return np.take(self._sensors, self._at[name], axis=1)
+
+    def step(self, controls: Controls, running: Mask) -> None:
+        """See :meth:`Plant.step`."""
+        self._ctrl[:, self._steer_at] = controls.wheel_steer_rad
+        self._ctrl[:, self._drive_at] = controls.torque_n_m
+        self._steer_command = controls.steer_rad
+        ids = None if running.all() else np.flatnonzero(running)
+        try:
+            self._batch.step(ids, self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        except SimulationError as error:
+            self._errors = {int(i): self._batch.error(int(i)) for i in error.ids}
+
+    def faults(self) -> list[Fault]:
+        """See :meth:`Plant.faults`."""
+        found = [Fault(run, 0, f"MuJoCo: {message}") for run, message in self._errors.items()]
+        up = self._read("up_axis")[..., 2]
+        with np.errstate(invalid="ignore"):
+            off = ~(up > _TILTED)  # true for NaN
+        for run in np.flatnonzero(off.any(axis=1)):
+            car = int(np.argmax(off[run]))
+            fine = np.isfinite(up[run, car])
+            found.append(Fault(int(run), car, "it is off its wheels" if fine else "its state is not finite"))
+        return found
+
+    def qpos(self) -> Array:
+        """See :meth:`Plant.qpos`."""
+        return self._qpos
+
+
+def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> MuJoCo:
+    """At t = 0; see :func:`mjmerge.plant.make`."""
+    assert world is not None, "the mujoco plant stands in a world"
+    return MuJoCo(world, scenario, runs, threads)

@@ -1,0 +1,199 @@
+"""What a recorder is, what it gets, and the driver that keeps recorders from stopping a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmerge.errors import OutputError, RecordingError
+from mjmerge.record.scene import Scene
+from mjmerge.scenario import Scenario
+from mjmerge.trace import Array, Block
+
+if TYPE_CHECKING:
+    import mujoco
+
+Level = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is known of a run before it starts.
+
+    Attributes:
+        scenario: the scenario.
+        scenario_yaml: the same, resolved, as text: running it again gives the same run.
+        plant: name of the plant.
+        seed: seed of this simulation.
+        model: the composed MuJoCo world.
+        world_xml: the MJCF it was compiled from.
+        versions: package name to version.
+        control_step_s: simulated time between ticks, s.
+    """
+
+    scenario: Scenario
+    scenario_yaml: str
+    plant: str
+    seed: int
+    model: mujoco.MjModel
+    world_xml: str
+    versions: Mapping[str, str]
+    control_step_s: float
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something worth a line in the log.
+
+    Attributes:
+        time_s: simulated time, s.
+        level: how bad it is.
+        car: which car; empty when it is about the run.
+        text: what happened, in words.
+    """
+
+    time_s: float
+    level: Level
+    car: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What is known of a run once it is over.
+
+    Attributes:
+        events: in order of time.
+        verdict: the contract's word for it.
+        summary: what ``summary.json`` holds.
+    """
+
+    events: Sequence[Event]
+    verdict: str
+    summary: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class PosedBlock:
+    """A block of consecutive ticks, and where everything that is drawn was.
+
+    Attributes:
+        block: the ticks and their columns.
+        time_ns: simulated time from the tick index, ns, (B,).
+        pos_m: origins of ``Scene.frames`` in the world, m, (B, F, 3).
+        quat: their orientations, w x y z, (B, F, 4).
+    """
+
+    block: Block
+    time_ns: NDArray[np.int64]
+    pos_m: Array
+    quat: Array
+
+
+class Recorder(Protocol):
+    """Writes one file. Whatever it raises ends that file and nothing else."""
+
+    def write(self, posed: PosedBlock) -> None:
+        """Adds consecutive ticks of the one simulation it records."""
+
+    def close(self, outcome: Outcome) -> None:
+        """Adds the outcome and completes the file."""
+
+    def abort(self) -> None:
+        """Closes what is there, so that it stays readable."""
+
+
+Factory = Callable[[Path, Header, Scene], Recorder]
+
+
+def nanoseconds(time_s: Array | float) -> NDArray[np.int64]:
+    """Simulated time in whole nanoseconds, the nearest ones."""
+    return np.rint(np.asarray(time_s) * 1e9).astype(np.int64)
+
+
+class Recording:
+    """Hands a run to its recorders: ``with Recording(...) as r``, then ``write`` and, once, ``close``.
+
+    Every file is ``<name>.partial`` until it is complete. A recorder that fails is dropped, its file stays
+    ``.partial``, and the run goes on. Leaving the context without ``close`` leaves readable partial files.
+
+    Attributes:
+        failures: what went wrong, a line per file.
+        files: the files that are complete.
+    """
+
+    def __init__(self, folder: Path, header: Header, factories: Mapping[str, Factory]) -> None:
+        """Args: the run folder, which exists; what is known of the run; file name to what writes it."""
+        self.failures: list[str] = []
+        self.files: list[Path] = []
+        self._folder = folder
+        self._header = header
+        self._factories = factories
+        self._scene = Scene(header.model, header.scenario.law.r_m)
+        self._live: dict[str, Recorder] = {}
+
+    def __enter__(self) -> Self:
+        for name, factory in self._factories.items():
+            self._attempt(name, lambda name=name, factory=factory: self._open(name, factory))  # type: ignore[misc]
+        return self
+
+    def write(self, block: Block) -> None:
+        """Hands a block to every recorder that is still well."""
+        if not self._live:
+            return
+        pos_m, quat = self._scene.poses(block)
+        posed = PosedBlock(block, nanoseconds(block.ticks * self._header.control_step_s), pos_m, quat)
+        for name, recorder in list(self._live.items()):
+            self._attempt(name, lambda recorder=recorder: recorder.write(posed))  # type: ignore[misc]
+
+    def close(self, outcome: Outcome) -> None:
+        """Completes every file that is still well and gives it its name."""
+        for name, recorder in list(self._live.items()):
+            self._attempt(name, lambda name=name, recorder=recorder: self._finish(name, recorder, outcome))  # type: ignore[misc]
+        self._live.clear()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for name in list(self._live):
+            self._drop(name)
+
+    def _partial(self, name: str) -> Path:
+        return self._folder / f"{name}.partial"
+
+    def _open(self, name: str, factory: Factory) -> None:
+        for path in (self._folder / name, self._partial(name)):
+            if path.exists():
+                raise OutputError(f"{path} exists; recordings are not overwritten")
+        self._live[name] = factory(self._partial(name), self._header, self._scene)
+
+    def _finish(self, name: str, recorder: Recorder, outcome: Outcome) -> None:
+        recorder.close(outcome)
+        partial, final = self._partial(name), self._folder / name
+        if not partial.is_file():
+            raise RecordingError("nothing was written (RERUN=off in the environment does that to run.rrd)")
+        if final.exists():
+            raise OutputError(f"{final} has appeared meanwhile; recordings are not overwritten")
+        partial.rename(final)
+        self.files.append(final)
+
+    def _attempt(self, name: str, action: Callable[[], None]) -> None:
+        """Runs what a recorder does; a failure ends that recorder, and is kept."""
+        try:
+            action()
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException as error:  # a panic in a writer made of Rust is no Exception
+            self.failures.append(f"{name}: {error}" if str(error) else f"{name}: {type(error).__name__}")
+            self._drop(name)
+
+    def _drop(self, name: str) -> None:
+        recorder = self._live.pop(name, None)
+        if recorder is not None:
+            self._attempt(name, recorder.abort)

@@ -1,0 +1,69 @@
+"""Where a recording comes from, and how its numbers are to be read."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjmerge.trace import COLUMNS
+
+if TYPE_CHECKING:
+    from mjmerge.record.base import Header
+
+SCHEMA_VERSION = 1
+"""Of topics, entity names and messages; goes up when a reader of the old ones would go wrong."""
+
+CONVENTIONS = {
+    "units": "SI; every name ends in its unit, names without one are plain numbers",
+    "frame": "road frame: x along the road, y to its left, z up; origin on the road's surface",
+    "quaternions": "x y z w in the files",
+    "time": "simulated, from 0 at the start of the run",
+    "commands": "those of a tick hold until the next tick",
+    "missing": "NaN",
+}
+_PACKAGES = ("mjmerge", "mujoco", "dm-control", "numpy", "rerun-sdk", "mcap", "foxglove-sdk")
+
+
+def versions() -> dict[str, str]:
+    """Version of Python and of each package that a recording depends on; those not installed are left out."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def git_revision() -> str | None:
+    """Revision of the checkout this file is tracked in, ``-dirty`` if edited; ``None`` outside of one."""
+    here = Path(__file__)
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(here.parent), *arguments]
+        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=10).stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", here.name)
+        return git("describe", "--always", "--dirty", "--abbrev=12")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def manifest(header: Header) -> dict[str, Any]:
+    """All of it as one JSON-able mapping, with nothing that changes from run to run."""
+    columns = [{"name": c.name, "symbol": c.symbol, "doc": c.doc, "axes": c.axes} for c in COLUMNS]
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "scenario": header.scenario.name,
+        "description": header.scenario.description,
+        "plant": header.plant,
+        "seed": header.seed,
+        "control_step_s": header.control_step_s,
+        "versions": dict(header.versions),
+        "conventions": CONVENTIONS,
+        "columns": columns,
+    }

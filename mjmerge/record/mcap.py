@@ -1,0 +1,164 @@
+"""``run.mcap``: the archive. Foxglove's messages for what it can draw, ours for what we measured.
+
+Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/tf``, ``/scene`` (once, at t = 0) and ``/log``. All
+times are simulated, so that equal runs give equal bytes. A block is one chunk and is on disk once written.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import foxglove
+import numpy as np
+from foxglove import messages as fox
+from foxglove.channels import LogChannel, SceneUpdateChannel
+from foxglove.mcap import MCAPWriteOptions
+
+from mjmerge.record import schema
+from mjmerge.record.base import Event, Header, Outcome, PosedBlock, nanoseconds
+from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
+from mjmerge.record.scene import Frame, Scene, Shape
+from mjmerge.record.wire import Layout
+from mjmerge.scenario import CARS
+from mjmerge.trace import Array
+
+WORLD = "world"
+_CHUNK_BYTES = 256 * 1024
+_LEVELS = {"info": fox.LogLevel.Info, "warning": fox.LogLevel.Warning, "error": fox.LogLevel.Error}
+
+
+class McapRecorder:
+    """Writes an MCAP file."""
+
+    def __init__(self, path: Path, header: Header, scene: Scene) -> None:
+        """Args: the file, which must not exist; what is known of the run; what to draw."""
+        self._context = foxglove.Context()  # our own: the global one would mix recordings
+        options = MCAPWriteOptions(chunk_size=_CHUNK_BYTES, compression_threads=0)  # threads change the bytes
+        self._writer = foxglove.open_mcap(path, context=self._context, writer_options=options)
+        self._layouts = {"/tf": _transforms_layout(scene)}
+        self._channels = {"/tf": self._channel("/tf", fox.FrameTransforms.get_schema())}
+        descriptors = schema.descriptor_set()
+        topics = {schema.LAW_TOPIC: schema.LAW_MESSAGE}
+        topics |= {schema.car_topic(car): schema.CAR_MESSAGE for car in CARS}
+        for topic, message in topics.items():
+            self._layouts[topic] = schema.layout(message)
+            name = f"{schema.PACKAGE}.{message}"
+            described = foxglove.Schema(name=name, encoding="protobuf", data=descriptors)
+            self._channels[topic] = self._channel(topic, described)
+        self._log = LogChannel("/log", context=self._context)
+
+        about = manifest(header)
+        self._attach("scenario.yaml", "application/yaml", header.scenario_yaml)
+        self._attach("world.xml", "application/xml", header.world_xml)
+        self._attach("manifest.json", "application/json", json.dumps(about, indent=2))
+        run = {key: str(about[key]) for key in ("scenario", "description", "plant", "seed", "control_step_s")}
+        self._writer.write_metadata("mjmerge", {"schema_version": str(SCHEMA_VERSION)} | run | CONVENTIONS)
+        self._writer.write_metadata("versions", dict(header.versions))
+        SceneUpdateChannel("/scene", context=self._context).log(_scene_update(scene), log_time=0)
+
+    def write(self, posed: PosedBlock) -> None:
+        """Adds consecutive ticks, and puts them on disk."""
+        count = len(posed.time_ns)
+        poses = np.concatenate([posed.pos_m, np.roll(posed.quat, -1, axis=-1)], axis=-1)  # x y z w
+        rows: dict[str, Array] = {"/tf": poses.reshape(count, -1), schema.LAW_TOPIC: schema.law_rows(posed.block)}
+        rows |= {schema.car_topic(car): schema.car_rows(posed.block, car) for car in CARS}
+        encoded = [
+            (self._channels[t], self._layouts[t].encode(values, posed.time_ns)) for t, values in rows.items()
+        ]
+        for k, time_ns in enumerate(posed.time_ns.tolist()):
+            for channel, data in encoded:
+                channel.log(data[k], log_time=time_ns)
+        self._writer.flush()
+
+    def close(self, outcome: Outcome) -> None:
+        """Adds the events, the verdict and the summary, and completes the file."""
+        for event in outcome.events:
+            self._log.log(_log_message(event), log_time=int(nanoseconds(event.time_s)))
+        self._writer.write_metadata("outcome", {"verdict": outcome.verdict})
+        self._attach("summary.json", "application/json", json.dumps(outcome.summary, indent=2))
+        self._writer.close()
+
+    def abort(self) -> None:
+        """Completes the file with what it has."""
+        self._writer.close()
+
+    def _channel(self, topic: str, described: foxglove.Schema) -> foxglove.Channel:
+        return foxglove.Channel(topic, message_encoding="protobuf", schema=described, context=self._context)
+
+    def _attach(self, name: str, media_type: str, text: str) -> None:
+        self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=text.encode())
+
+
+def _transforms_layout(scene: Scene) -> Layout:
+    """A ``foxglove.FrameTransforms`` with every frame of the scene below the world."""
+    vector = Layout().double(1).double(2).double(3)
+    quaternion = Layout().double(1).double(2).double(3).double(4)
+    out = Layout()
+    for frame in scene.frames:
+        transform = Layout().time(1).text(2, WORLD).text(3, frame.name)
+        out.message(1, transform.message(4, vector).message(5, quaternion))
+    return out
+
+
+def _log_message(event: Event) -> fox.Log:
+    return fox.Log(
+        timestamp=_timestamp(int(nanoseconds(event.time_s))),
+        level=_LEVELS[event.level],
+        message=event.text,
+        name=event.car,
+    )
+
+
+def _timestamp(time_ns: int) -> fox.Timestamp:
+    return fox.Timestamp(*divmod(time_ns, 1_000_000_000))
+
+
+def _scene_update(scene: Scene) -> fox.SceneUpdate:
+    """Everything that is drawn, each thing locked to its frame."""
+    return fox.SceneUpdate(entities=[_entity(f) for f in (Frame(WORLD, scene.fixed), *scene.frames)])
+
+
+def _entity(frame: Frame) -> fox.SceneEntity:
+    """The shapes of a frame. MCAP has no capsules: a cylinder and two spheres."""
+    cubes, spheres, cylinders, triangles = [], [], [], []
+    for s in frame.shapes:
+        color = fox.Color(**dict(zip("rgba", s.rgba.tolist(), strict=True)))
+        pose, size = _pose(s), fox.Vector3(**dict(zip("xyz", (2 * s.half_size_m).tolist(), strict=True)))
+        match s.kind:
+            case "box":
+                cubes.append(fox.CubePrimitive(pose=pose, size=size, color=color))
+            case "ellipsoid":
+                spheres.append(fox.SpherePrimitive(pose=pose, size=size, color=color))
+            case "cylinder" | "capsule":
+                scales = {"bottom_scale": 1.0, "top_scale": 1.0}
+                cylinders.append(fox.CylinderPrimitive(pose=pose, size=size, color=color, **scales))
+            case "mesh":
+                points = [fox.Point3(x=x, y=y, z=z) for x, y, z in s.vertices_m.tolist()]
+                indices = s.triangles.ravel().tolist()
+                mesh = fox.TriangleListPrimitive(pose=pose, points=points, color=color, indices=indices)
+                triangles.append(mesh)
+        if s.kind == "capsule":
+            ball = fox.Vector3(x=2 * s.half_size_m[0], y=2 * s.half_size_m[0], z=2 * s.half_size_m[0])
+            for end in (-1, 1):
+                spheres.append(fox.SpherePrimitive(pose=_pose(s, end), size=ball, color=color))
+    return fox.SceneEntity(
+        timestamp=_timestamp(0),
+        frame_id=frame.name,
+        id=frame.name,
+        frame_locked=True,
+        cubes=cubes,
+        spheres=spheres,
+        cylinders=cylinders,
+        triangles=triangles,
+    )
+
+
+def _pose(shape: Shape, end: int = 0) -> fox.Pose:
+    """Pose of a shape, or of an end of its straight part: -1 the lower, 1 the upper."""
+    x, y, z = shape.pos_m + end * shape.half_size_m[2] * shape.axis
+    w, *xyz = shape.quat.tolist()
+    return fox.Pose(
+        position=fox.Vector3(x=x, y=y, z=z),
+        orientation=fox.Quaternion(x=xyz[0], y=xyz[1], z=xyz[2], w=w),
+    )
