@@ -42,7 +42,7 @@ _WORDS = {"": None, "~": None} | {
 }
 
 
-def scalar(text: str) -> None | bool | int | float | str:
+def scalar(text: str) -> bool | int | float | str | None:
     """What a plain scalar means in YAML 1.2's core schema: ``1e-3`` is a number, ``no`` is text."""
     if text in _WORDS:
         return _WORDS[text]
@@ -64,8 +64,10 @@ def described(value: object) -> str:
             return str(value).lower()
         case str():
             return f"the text {value!r}" if len(value) <= 40 else f"the text {value[:40]!r}..."
-        case int() | float():
-            return f"{value:g}" if abs(value) < 1e300 else "a number too large"
+        case float():
+            return repr(value)
+        case int():
+            return str(value) if abs(value) < 10**18 else "a huge whole number"
         case Mapping():
             return "a mapping"
         case list() | tuple():
@@ -140,10 +142,13 @@ def parse(text: str) -> Document:
         document.value = composer.document()
     except ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        document.problems.append(Problem(f"not text: it contains the character {error.character!r}", "", line))
+        message = f"not text: it contains the character U+{error.character:04X}"
+        document.problems.append(Problem(message, "", line))
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         message = f"not valid YAML: {error.problem or error.context}"
+        if error.context_mark and mark and error.context_mark.line != mark.line:
+            message += f" ({error.context}, from line {error.context_mark.line + 1})"
         if "'\\t'" in message:
             message += "; use spaces, not tabs"
         document.problems.append(Problem(message, "", mark.line + 1 if mark else None))

@@ -38,6 +38,10 @@ class Problem:
     source: str | None = None
 
 
+_MOST_SHOWN = 50
+"""Problems that a message lists; all of them are in ``ScenarioError.problems``."""
+
+
 class ScenarioError(MjmergeError):
     """A scenario that cannot be run, with every problem found in it."""
 
@@ -45,11 +49,13 @@ class ScenarioError(MjmergeError):
         self.source = str(source)
         self.problems = tuple(problems)
         lines = []
-        for p in self.problems:
+        for p in self.problems[:_MOST_SHOWN]:
             place = p.source or self.source
             if p.line is not None:
                 place += f":{p.line}"
             lines.append(f"{place}: {p.key + ': ' if p.key else ''}{p.message}")
+        if len(self.problems) > _MOST_SHOWN:
+            lines.append(f"{self.source}: and {len(self.problems) - _MOST_SHOWN} more problems")
         super().__init__("\n".join(lines))
 
 

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.record.scene import Scene
@@ -112,9 +112,9 @@ class Recorder(Protocol):
 Factory = Callable[[Path, Header, Scene], Recorder]
 
 
-def nanoseconds(time_s: Array | float) -> NDArray[np.int64]:
+def nanoseconds(time_s: ArrayLike) -> NDArray[np.int64]:
     """Simulated time in whole nanoseconds, the nearest ones."""
-    return np.rint(np.asarray(time_s) * 1e9).astype(np.int64)
+    return np.rint(np.asarray(time_s, float) * 1e9).astype(np.int64)
 
 
 class Recording:
@@ -140,7 +140,7 @@ class Recording:
 
     def __enter__(self) -> Self:
         for name, factory in self._factories.items():
-            self._attempt(name, lambda name=name, factory=factory: self._open(name, factory))  # type: ignore[misc]
+            self._attempt(name, self._open, name, factory)
         return self
 
     def write(self, block: Block) -> None:
@@ -150,12 +150,12 @@ class Recording:
         pos_m, quat = self._scene.poses(block)
         posed = PosedBlock(block, nanoseconds(block.ticks * self._header.control_step_s), pos_m, quat)
         for name, recorder in list(self._live.items()):
-            self._attempt(name, lambda recorder=recorder: recorder.write(posed))  # type: ignore[misc]
+            self._attempt(name, recorder.write, posed)
 
     def close(self, outcome: Outcome) -> None:
         """Completes every file that is still well and gives it its name."""
         for name, recorder in list(self._live.items()):
-            self._attempt(name, lambda name=name, recorder=recorder: self._finish(name, recorder, outcome))  # type: ignore[misc]
+            self._attempt(name, self._finish, name, recorder, outcome)
         self._live.clear()
 
     def __exit__(
@@ -183,10 +183,10 @@ class Recording:
         partial.rename(final)
         self.files.append(final)
 
-    def _attempt(self, name: str, action: Callable[[], None]) -> None:
+    def _attempt(self, name: str, action: Callable[..., None], *arguments: object) -> None:
         """Runs what a recorder does; a failure ends that recorder, and is kept."""
         try:
-            action()
+            action(*arguments)
         except (KeyboardInterrupt, SystemExit):
             raise
         except BaseException as error:  # a panic in a writer made of Rust is no Exception

@@ -21,7 +21,6 @@ from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
 from mjmerge.record.scene import Frame, Scene, Shape
 from mjmerge.record.wire import Layout
 from mjmerge.scenario import CARS
-from mjmerge.trace import Array
 
 WORLD = "world"
 _CHUNK_BYTES = 256 * 1024
@@ -61,7 +60,7 @@ class McapRecorder:
         """Adds consecutive ticks, and puts them on disk."""
         count = len(posed.time_ns)
         poses = np.concatenate([posed.pos_m, np.roll(posed.quat, -1, axis=-1)], axis=-1)  # x y z w
-        rows: dict[str, Array] = {"/tf": poses.reshape(count, -1), schema.LAW_TOPIC: schema.law_rows(posed.block)}
+        rows = {"/tf": poses.reshape(count, -1), schema.LAW_TOPIC: schema.law_rows(posed.block)}
         rows |= {schema.car_topic(car): schema.car_rows(posed.block, car) for car in CARS}
         encoded = [
             (self._channels[t], self._layouts[t].encode(values, posed.time_ns)) for t, values in rows.items()
@@ -116,10 +115,12 @@ def _timestamp(time_ns: int) -> fox.Timestamp:
 
 def _scene_update(scene: Scene) -> fox.SceneUpdate:
     """Everything that is drawn, each thing locked to its frame."""
-    return fox.SceneUpdate(entities=[_entity(f) for f in (Frame(WORLD, scene.fixed), *scene.frames)])
+    return fox.SceneUpdate(
+        entities=[_entity(f, scene.label_m) for f in (Frame(WORLD, scene.fixed), *scene.frames)]
+    )
 
 
-def _entity(frame: Frame) -> fox.SceneEntity:
+def _entity(frame: Frame, label_m: float) -> fox.SceneEntity:
     """The shapes of a frame. MCAP has no capsules: a cylinder and two spheres."""
     cubes, spheres, cylinders, triangles = [], [], [], []
     for s in frame.shapes:
@@ -142,6 +143,15 @@ def _entity(frame: Frame) -> fox.SceneEntity:
             ball = fox.Vector3(x=2 * s.half_size_m[0], y=2 * s.half_size_m[0], z=2 * s.half_size_m[0])
             for end in (-1, 1):
                 spheres.append(fox.SpherePrimitive(pose=_pose(s, end), size=ball, color=color))
+    texts = []
+    if frame.label:
+        at = fox.Pose(position=fox.Vector3(z=label_m), orientation=fox.Quaternion(w=1.0))
+        white = fox.Color(r=1.0, g=1.0, b=1.0, a=1.0)
+        texts = [
+            fox.TextPrimitive(
+                pose=at, billboard=True, font_size=12.0, scale_invariant=True, color=white, text=frame.label
+            )
+        ]
     return fox.SceneEntity(
         timestamp=_timestamp(0),
         frame_id=frame.name,
@@ -151,6 +161,7 @@ def _entity(frame: Frame) -> fox.SceneEntity:
         spheres=spheres,
         cylinders=cylinders,
         triangles=triangles,
+        texts=texts,
     )
 
 

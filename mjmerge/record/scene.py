@@ -55,18 +55,27 @@ class Shape:
     vertices_m: Array
     triangles: NDArray[np.int32]
 
+    @property
+    def axis(self) -> Array:
+        """Its z axis in the axes of its frame, (3,)."""
+        w, x, y, z = self.quat
+        return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+
 
 @dataclass(frozen=True)
 class Frame:
     """Something that moves, with what is fixed to it.
 
     Attributes:
-        name: of the MuJoCo body, ``ego/chassis``; ``axles/<car>`` and ``law/target`` are ours.
+        name: of the MuJoCo body, ``ego/chassis``, or one of ours: ``axles/<car>``, ``law/target``, and
+            ``camera/ego``, which goes along the road with the ego but neither sideways nor around.
         shapes: what is drawn of it.
+        label: what is written above it, if anything.
     """
 
     name: str
-    shapes: tuple[Shape, ...]
+    shapes: tuple[Shape, ...] = ()
+    label: str = ""
 
 
 class Scene:
@@ -76,11 +85,13 @@ class Scene:
         fixed: what never moves, in world axes.
         frames: what moves.
         paint: colour of each car, 0 to 1, by the car's name.
+        label_m: how high above their frames labels are written, m.
     """
 
     def __init__(self, model: mujoco.MjModel, r_m: float) -> None:
         """Args: the composed world; radius of the safety discs, m."""
         self._model = model
+        self.label_m = 0.5 * r_m
         self.paint = {car: np.asarray(model.material(f"{car}/paint").rgba, float) for car in CARS}
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -92,19 +103,19 @@ class Scene:
         for g in sorted(set(drawn) - set(still)):
             shape = _shape(model, g, model.geom_pos[g], model.geom_quat[g])
             shapes.setdefault(int(model.geom_bodyid[g]), []).append(shape)
-        self._bodies = sorted(shapes)
+        self._bodies = np.array(sorted(shapes), np.intp)
         bodies = (Frame(model.body(b).name or f"body_{b}", tuple(shapes[b])) for b in self._bodies)
         self.frames = (*bodies, *self._points(r_m))
 
     def _points(self, r_m: float) -> list[Frame]:
-        """Front axles and target, sized after the safety margin."""
+        """Front axles, target and camera, sized after the safety margin."""
         ego = self.paint["ego"]
-        marks = {"axles/ego": _round("cylinder", (0.02 * r_m, 0.02 * r_m, 0.3 * r_m), 0.3 * r_m, ego, 1.0)}
+        marks = {"ego": _round("cylinder", (0.02 * r_m, 0.02 * r_m, 0.2 * r_m), 0.2 * r_m, ego, 1.0)}
         for car in CARS[1:]:
-            disc = _round("cylinder", (r_m, r_m, 0.002 * r_m), 0.006 * r_m, self.paint[car], 0.3)
-            marks[f"axles/{car}"] = disc
-        marks["law/target"] = _round("ellipsoid", (0.08 * r_m,) * 3, 0.08 * r_m, ego, 0.5)
-        return [Frame(name, (shape,)) for name, shape in marks.items()]
+            marks[car] = _round("cylinder", (r_m, r_m, 0.002 * r_m), 0.006 * r_m, self.paint[car], 0.3)
+        target = _round("ellipsoid", (0.08 * r_m,) * 3, 0.08 * r_m, ego, 0.5)
+        axles = [Frame(f"axles/{car}", (marks[car],), car.replace("_", " ")) for car in CARS]
+        return [*axles, Frame("law/target", (target,)), Frame("camera/ego")]
 
     def poses(self, block: Block) -> tuple[Array, Array]:
         """Where the frames are: origins, m, (B, F, 3), and orientations, w x y z, (B, F, 4)."""
@@ -118,10 +129,11 @@ class Scene:
             mujoco.mj_kinematics(self._model, data)
             pos_m[k, :bodies] = data.xpos[self._bodies]
             quat[k, :bodies] = data.xquat[self._bodies]
-        half = block.columns["heading_rad"] / 2
-        pos_m[:, bodies:-1, :2] = block.columns["front_m"]
-        quat[:, bodies:-1, 0], quat[:, bodies:-1, 3] = np.cos(half), np.sin(half)
-        pos_m[:, -1, :2] = block.columns["target_m"]
+        axles, half = slice(bodies, bodies + len(CARS)), block.columns["heading_rad"] / 2
+        pos_m[:, axles, :2] = block.columns["front_m"]
+        quat[:, axles, 0], quat[:, axles, 3] = np.cos(half), np.sin(half)
+        pos_m[:, -2, :2] = block.columns["target_m"]
+        pos_m[:, -1, 0] = block.columns["front_m"][:, 0, 0]
         return pos_m, quat
 
 

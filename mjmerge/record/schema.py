@@ -83,7 +83,8 @@ def layout(message: str) -> Layout:
 def law_rows(block: Block) -> Array:
     """What goes into each ``LawState`` of a block, in the order of the layout, (B, doubles)."""
     count = len(block.ticks)
-    return np.hstack([block.time_s[:, None], *(block.columns[c.name].reshape(count, -1) for c in LAW_COLUMNS)])
+    parts = (block.columns[c.name].reshape(count, -1) for c in LAW_COLUMNS)
+    return np.hstack([block.time_s[:, None], *parts])
 
 
 def car_rows(block: Block, car: str) -> Array:
@@ -99,7 +100,8 @@ def descriptor_set() -> bytes:
     for name, fields in MESSAGES.items():
         message = file.message_type.add(name=name)
         for number, field in enumerate(fields, start=1):
-            entry = message.field.add(name=field.name, number=number, label=FieldDescriptorProto.LABEL_OPTIONAL)
+            entry = message.field.add(name=field.name, number=number)
+            entry.label = FieldDescriptorProto.LABEL_OPTIONAL
             if field.parts:
                 entry.type = FieldDescriptorProto.TYPE_MESSAGE
                 entry.type_name = f".{PACKAGE}.{field.type_name}"
@@ -113,7 +115,7 @@ def proto_text() -> str:
     """The schema as people read it: the text of ``mjmerge_v1.proto``."""
     lines = [
         "// What mjmerge records besides Foxglove's own messages. Generated from mjmerge.trace.COLUMNS.",
-        f'// Topic "{LAW_TOPIC}" carries {LAW_MESSAGE}, topics "{car_topic("<car>")}" carry {CAR_MESSAGE}; SI units, road frame.',
+        f"// {LAW_TOPIC} carries {LAW_MESSAGE}, {car_topic('<car>')} carries {CAR_MESSAGE}; SI, road frame.",
         "",
         'syntax = "proto3";',
         "",

@@ -54,7 +54,7 @@ class Layout:
         return self
 
     def time(self, number: int) -> Layout:
-        """Adds a ``google.protobuf.Timestamp`` (seconds = 1, nanos = 2) to be filled in; returns the layout."""
+        """Adds a ``google.protobuf.Timestamp`` to be filled in; returns the layout."""
         self._wire += _tag(number, _BYTES) + varint(2 * (1 + _WIDTH))
         for field in (1, 2):
             self._wire += _tag(field, _VARINT)

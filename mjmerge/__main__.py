@@ -1,0 +1,5 @@
+"""``python -m mjmerge``."""
+
+from mjmerge.cli import main
+
+main()

@@ -1,0 +1,258 @@
+"""The command line: ``mjmerge run paper``. It parses, prints and picks the exit code, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Literal
+
+import tyro
+
+from mjmerge import share
+from mjmerge.errors import MjmergeError, OutputError, UnknownNameError
+
+_BAD_INPUT = 2
+_PATIENCE_S = 1.0  # a run that takes longer gets a progress bar
+
+PlantName = Literal["double_integrator", "bicycle", "mujoco"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Run a scenario, judge it, and record it. Exit code 0: the safety floor held; 1: it did not."""
+
+    scenario: Annotated[str, tyro.conf.Positional]
+    """Name of a shipped scenario (see `mjmerge list`), or the path of a YAML file."""
+    plant: PlantName = "mujoco"
+    """What moves the cars."""
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Seed of the first run; run i has seed + i."""
+    runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    """Number of simulations, each with its own seed; the worst one is recorded."""
+    duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    """Simulated time, in place of the scenario's."""
+    set_: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction] = ()
+    """Any scenario key, as in `--set law.k_o=0`; repeatable."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Run folder; by default runs/<scenario>-<plant>-<seed>, where an earlier run makes way."""
+    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Threads for the physics, 0 for all cores; does not change the result."""
+    record: bool = True
+    """Write run.rrd, run.mcap and the rest of the run folder."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
+class List:
+    """List what there is: scenarios, models, laws, drivers and plants, with a line on each."""
+
+    what: Annotated[
+        Literal["all", "scenarios", "models", "laws", "drivers", "plants"], tyro.conf.Positional
+    ] = "all"
+    """Which kind to list."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Open a recording in the Rerun viewer."""
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """A run folder, or a recording in it."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """Print the composed MJCF world of a scenario, or write it to a file."""
+
+    scenario: Annotated[str, tyro.conf.Positional]
+    """Name of a shipped scenario, or the path of a YAML file."""
+    set_: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction] = ()
+    """Any scenario key; repeatable."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; standard output by default."""
+
+
+@dataclass(frozen=True)
+class Schema:
+    """Print the JSON Schema of scenario files, for editors."""
+
+
+def _run(args: Run) -> int:
+    from rich.console import Console
+
+    from mjmerge.loader import load
+    from mjmerge.report import table
+    from mjmerge.run import run
+
+    for name, value, least in (("runs", args.runs, 1), ("seed", args.seed, 0), ("threads", args.threads, 0)):
+        if value < least:
+            raise MjmergeError(f"--{name} is {value}; it must be at least {least}")
+    overrides = list(args.set_)
+    if args.duration is not None:
+        overrides.append(f"duration_s={args.duration!r}")
+    scenario = load(args.scenario, overrides)
+    folder = args.out
+    if folder is None and args.record:
+        folder = Path("runs") / f"{scenario.name}-{args.plant}-{args.seed}"
+
+    console = Console(stderr=args.json, highlight=False)
+    if not args.json:
+        many = f", {args.runs} runs" if args.runs > 1 else ""
+        console.print(f"[bold]{scenario.name}[/] on {args.plant}, seed {args.seed}{many}")
+        for override in overrides:
+            console.print(f"  {override}", markup=False)
+    with _progress(scenario.duration_s) as progress:
+        done = run(
+            scenario,
+            args.plant,
+            runs=args.runs,
+            seed=args.seed,
+            threads=args.threads,
+            folder=folder,
+            replace=args.out is None,
+            record=args.record,
+            progress=progress,
+        )
+    for failure in done.failures:
+        print(f"mjmerge: recorder failed: {failure}", file=sys.stderr)
+    if args.json:
+        print(json.dumps(done.summary))
+        return done.exit_code
+    console.print(table(done.summary))
+    if folder is not None:
+        if done.replaced:
+            console.print(f"the earlier run in {folder} was replaced")
+        if args.record and not done.failures:
+            console.print(f"look at it:  [bold]mjmerge view {folder}[/]", soft_wrap=True)
+    return done.exit_code
+
+
+@contextmanager
+def _progress(duration_s: float) -> Iterator[Callable[[float], None]]:
+    """A progress bar on standard error, once it is worth one."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    began = time.monotonic()
+    with Progress(console=Console(stderr=True), transient=True) as bars:
+        task = None
+
+        def advance(time_s: float) -> None:
+            nonlocal task
+            if task is None and time.monotonic() - began > _PATIENCE_S:
+                task = bars.add_task("simulating", total=duration_s)
+            if task is not None:
+                bars.update(task, completed=time_s)
+
+        yield advance
+
+
+def _list(args: List) -> int:
+    from rich.console import Console
+    from rich.table import Table
+
+    from mjmerge.drivers import kinds
+    from mjmerge.law import VARIANTS
+    from mjmerge.loader import data_sheet, load
+    from mjmerge.plant import PLANTS
+
+    def first_line(text: str | None) -> str:
+        return (text or "").strip().splitlines()[0]
+
+    what: dict[str, Callable[[], dict[str, str]]] = {
+        "scenarios": lambda: {name: load(name).description for name in share.scenarios()},
+        "models": lambda: {name: data_sheet(name).description for name in share.models()},
+        "laws": lambda: VARIANTS,
+        "drivers": lambda: {name: first_line(cls.__doc__) for name, cls in sorted(kinds().items())},
+        "plants": lambda: PLANTS,
+    }
+    console = Console(highlight=False)
+    for kind, entries in what.items():
+        if args.what in ("all", kind):
+            grid = Table(title=kind, title_justify="left", title_style="bold", show_header=False, box=None)
+            grid.add_column(style="cyan", no_wrap=True)
+            grid.add_column()
+            for name, line in entries().items():
+                grid.add_row(name, line)
+            console.print(grid)
+    return 0
+
+
+def _view(args: View) -> int:
+    file = args.run / "run.rrd" if args.run.is_dir() else args.run
+    if not file.is_file():
+        runs = Path("runs")
+        there = [str(p.parent) for p in runs.glob("*/run.rrd")] if runs.is_dir() else []
+        raise UnknownNameError("recording", str(args.run), there)
+    return subprocess.run([sys.executable, "-m", "rerun", str(file)], check=False).returncode
+
+
+def _export(args: Export) -> int:
+    from mjmerge.loader import load
+    from mjmerge.world import build
+
+    xml = build(load(args.scenario, args.set_)).xml
+    if args.out is None:
+        print(xml)
+        return 0
+    try:
+        with args.out.open("x", encoding="utf-8") as file:
+            file.write(xml)
+    except OSError as error:
+        raise OutputError(f"cannot write {args.out}: {error.strerror or error}") from error
+    return 0
+
+
+def _schema(args: Schema) -> int:
+    from mjmerge.loader import json_schema
+
+    del args
+    print(json_schema(), end="")
+    return 0
+
+
+_COMMANDS: dict[type, Callable[..., int]] = {Run: _run, List: _list, View: _view, Export: _export, Schema: _schema}
+
+
+def _terminate(signum: int, frame: FrameType | None) -> None:
+    """SIGTERM as an exception, so that recordings are closed."""
+    del frame
+    raise SystemExit(128 + signum)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of the ``mjmerge`` command."""
+    warnings.filterwarnings("ignore", module="glfw")  # mujoco's window library, which we do not use
+    signal.signal(signal.SIGTERM, _terminate)
+    args = tyro.cli(
+        Annotated[Run, tyro.conf.subcommand("run")]  # type: ignore[arg-type]
+        | Annotated[List, tyro.conf.subcommand("list")]
+        | Annotated[View, tyro.conf.subcommand("view")]
+        | Annotated[Export, tyro.conf.subcommand("export")]
+        | Annotated[Schema, tyro.conf.subcommand("schema")],
+        prog="mjmerge",
+        description="Does the merge that a paper proves safe survive real cars?",
+        args=argv,
+    )
+    try:
+        sys.exit(_COMMANDS[type(args)](args))
+    except MjmergeError as error:
+        print(f"mjmerge: {error}", file=sys.stderr)
+        sys.exit(_BAD_INPUT)
+    except KeyboardInterrupt:
+        print("mjmerge: interrupted; what was recorded is kept as *.partial", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""The paper's hypotheses as monitors on a trace, and the verdict that follows.
+
+The theorem says: if its hypotheses hold, d_1 and d_2 stay positive. So a run is
+
+- ``held``: safe, and the barrier was really asked;
+- ``vacuous``: safe, but nothing challenged it;
+- ``assumption broken``: unsafe, after a hypothesis had broken;
+- ``refuted``: unsafe with every hypothesis true: the theorem, or our code, is wrong;
+- ``incomplete``: the simulation ended early without having become unsafe. Never a pass.
+
+Unsafe means d_j <= 0 or bodies that touch the ego's. The safety floor of the scenario is a separate, stricter
+question: it decides the exit code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from mjmerge.metrics import saturated
+from mjmerge.state import Array, Mask, norm
+from mjmerge.trace import Trace
+
+HELD, VACUOUS, BROKEN, REFUTED, INCOMPLETE = "held", "vacuous", "assumption broken", "refuted", "incomplete"
+VERDICTS = (HELD, VACUOUS, INCOMPLETE, BROKEN, REFUTED)
+"""From the best to the worst."""
+
+OBEYS_WINDOW_S, OBEYS_MPS = 0.1, 0.1
+"""The ego moves as commanded if over this window its velocity changes as told to within this much."""
+
+
+@dataclass(frozen=True)
+class Breach:
+    """A hypothesis that stopped being true.
+
+    Attributes:
+        hypothesis: its name.
+        time_s: when it first broke, s.
+    """
+
+    hypothesis: str
+    time_s: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one simulation says about the guarantee.
+
+    Attributes:
+        run: which simulation.
+        verdict: one of ``VERDICTS``.
+        unsafe_at_s: when d_j <= 0 or bodies touched first, s; ``None`` if never.
+        breaches: hypotheses that broke, in order of time.
+        floor_held: whether it also kept the scenario's safety floor, to the end.
+    """
+
+    run: int
+    verdict: str
+    unsafe_at_s: float | None
+    breaches: tuple[Breach, ...]
+    floor_held: bool
+
+    @property
+    def reason(self) -> str:
+        """The verdict's grounds in words."""
+        if self.verdict == BROKEN:
+            first = self.breaches[0]
+            return f"unsafe at {self.unsafe_at_s:.2f} s, after '{first.hypothesis}' broke at {first.time_s:.2f} s"
+        return {
+            HELD: "safe, and the barrier was asked",
+            VACUOUS: "safe, but nothing challenged the barrier",
+            REFUTED: f"unsafe at {self.unsafe_at_s or 0:.2f} s with every hypothesis true",
+            INCOMPLETE: "the simulation ended early",
+        }[self.verdict]
+
+
+def _barrier_on(trace: Trace) -> Mask:
+    """k_o > 0."""
+    return np.full(trace.distance_m.shape[:2], trace.scenario.law.k_o <= 0)
+
+
+def _neighbours_apart(trace: Trace) -> Mask:
+    """Assumption 1: once the ego is in their lane between them, the neighbours leave it 2r."""
+    p, r = trace.front_m, trace.scenario.law.r_m
+    between = (p[:, :, 0, 0] < p[:, :, 1, 0]) & (p[:, :, 0, 0] > p[:, :, 2, 0])
+    in_lane = np.abs(p[:, :, 0, 1] - p[:, :, 1, 1]) < r
+    return between & in_lane & (trace.gap_m + r <= 2 * r)
+
+
+def _rolling(trace: Trace) -> Mask:
+    """|v_r| >= eps_v: where the bicycle inverse is exact."""
+    return np.abs(trace.speed_mps[:, :, 0]) < trace.scenario.law.eps_v_mps
+
+
+def _unsaturated(trace: Trace) -> Mask:
+    """The ego is never asked for more than it can do."""
+    return saturated(trace)[:, :, 0]
+
+
+def _obeys(trace: Trace) -> Mask:
+    """The front axle is a double integrator: its velocity changes as commanded."""
+    h = trace.scenario.control_step_s
+    window = max(1, round(OBEYS_WINDOW_S / h))
+    v, u = trace.velocity_mps[:, :, 0], trace.u_mps2[:, :, 0]
+    told = np.cumsum(u * h, axis=1) - u * h  # integral of u up to each tick
+    defect = norm((v[:, window:] - v[:, :-window]) - (told[:, window:] - told[:, :-window]))
+    broken = np.zeros(v.shape[:2], dtype=bool)
+    broken[:, window:] = defect > OBEYS_MPS
+    return broken
+
+
+def _sampled_finely(trace: Trace) -> Mask:
+    """d_j > k_o h/2: the barrier's gain k_o/d_j is stable under a hold of h."""
+    bound = trace.scenario.law.k_o * trace.scenario.control_step_s / 2
+    return (trace.distance_m < bound).any(axis=2) & (bound > 0)
+
+
+def _prompt(trace: Trace) -> Mask:
+    """d_j > 2 k_o tau/pi: that gain is stable under the true command delay tau."""
+    bound = 2 * trace.scenario.law.k_o * trace.scenario.mismatch.command_delay_s / pi
+    return (trace.distance_m < bound).any(axis=2) & (bound > 0 and trace.plant == "mujoco")
+
+
+HYPOTHESES: dict[str, Callable[[Trace], Mask]] = {
+    "barrier is on": _barrier_on,
+    "neighbours leave 2r": _neighbours_apart,
+    "ego rolls": _rolling,
+    "command within limits": _unsaturated,
+    "ego moves as commanded": _obeys,
+    "hold small against d": _sampled_finely,
+    "delay small against d": _prompt,
+}
+"""Name of each hypothesis and the monitor that marks the ticks where it is broken, (N, T)."""
+
+
+def challenged(trace: Trace) -> Mask:
+    """Whether the barrier was really asked, (N,).
+
+    It was if some neighbour came within r of touching the margin (d_j < r) and took d_j to less than half
+    of what it had been before: the barrier then took k_o ln 2 or more out of the closing speed.
+    """
+    d = np.where(np.isnan(trace.distance_m), np.inf, trace.distance_m)
+    before = np.maximum.accumulate(np.where(np.isinf(d), -np.inf, d), axis=1)
+    return ((d < trace.scenario.law.r_m) & (d < before / 2)).any(axis=(1, 2))
+
+
+def judge(trace: Trace) -> list[Verdict]:
+    """The verdict on every simulation of a trace."""
+    unsafe = (trace.distance_m <= 0).any(axis=2) | (trace.clearance_m[:, :, :2] <= 0).any(axis=2)
+    broken = {name: monitor(trace) for name, monitor in HYPOTHESES.items()}
+    asked = challenged(trace)
+    floor = trace.scenario.expect.min_distance_m.at_least
+    above = _above(trace.distance_m, floor)
+    stopped = {s.run for s in trace.stops}
+
+    verdicts = []
+    for run in range(trace.runs):
+        unsafe_at = _first(unsafe[run], trace.time_s)
+        breaches = [
+            Breach(name, at) for name, m in broken.items() if (at := _first(m[run], trace.time_s)) is not None
+        ]
+        breaches.sort(key=lambda b: b.time_s)
+        if unsafe_at is not None:
+            verdict = BROKEN if breaches and breaches[0].time_s <= unsafe_at else REFUTED
+        elif run in stopped:
+            verdict = INCOMPLETE
+        else:
+            verdict = HELD if asked[run] else VACUOUS
+        floor_held = bool(above[run]) and unsafe_at is None and run not in stopped
+        verdicts.append(Verdict(run, verdict, unsafe_at, tuple(breaches), floor_held))
+    return verdicts
+
+
+def _above(distance_m: Array, floor_m: float) -> Mask:
+    """Whether every tick of a simulation is there and keeps the floor, (N,)."""
+    return (distance_m >= floor_m).all(axis=(1, 2))
+
+
+def _first(mask: Mask, time_s: Array) -> float | None:
+    """Time of the first tick where the mask holds, s."""
+    return float(time_s[int(np.argmax(mask))]) if mask.any() else None

@@ -1,0 +1,80 @@
+"""Opens a recording in the real viewer, without a window; all use of its experimental control is here."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rerun.experimental import ViewerClient
+
+_PATIENCE_S = 30.0
+_SETTLE_S = 1.5
+_HARMLESS = "Software rasterizer"
+
+
+def rerun_cli() -> str:
+    """The ``rerun`` program of this environment."""
+    return str(Path(sys.executable).with_name("rerun"))
+
+
+def has_vulkan() -> bool:
+    """Whether there is a Vulkan driver, a software one included."""
+    return any(
+        any(Path(root).glob("vulkan/icd.d/*.json")) for root in ("/usr/share", "/usr/local/share", "/etc")
+    )
+
+
+@contextmanager
+def headless_viewer() -> Iterator[ViewerClient]:
+    """A viewer of our own, which only this machine can reach."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    arguments = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", port]
+    process = subprocess.Popen(
+        [rerun_cli(), *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield _connect(f"rerun+http://127.0.0.1:{port}/proxy")
+    finally:
+        process.terminate()
+        process.wait(_PATIENCE_S)
+
+
+def _connect(url: str) -> ViewerClient:
+    deadline = time.monotonic() + _PATIENCE_S
+    while True:
+        try:
+            client = ViewerClient.connect(url)
+            client.get_state()
+        except Exception:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.2)
+        else:
+            return client
+
+
+def open_headless(rrd: Path, png: Path, time_s: float) -> list[str]:
+    """Shows a recording at a time and takes a picture.
+
+    Returns:
+        What the views and the viewer complained about; empty when all is well.
+    """
+    with headless_viewer() as viewer:
+        viewer.open(str(rrd))
+        deadline = time.monotonic() + _PATIENCE_S
+        while viewer.get_state().loading and time.monotonic() < deadline:
+            time.sleep(0.1)
+        viewer.set_time("sim_time", duration=time_s, play_state="paused")
+        time.sleep(_SETTLE_S)
+        viewer.save_screenshot(str(png))
+        views = viewer.get_state().views
+        reports = [f"{v.name}: {r.severity}: {r.summary} {r.details}" for v in views for r in v.reports]
+        logs = [f"{e.level}: {e.message}" for e in viewer.get_logs() if e.level in ("WARN", "ERROR")]
+        return reports + [line for line in logs if _HARMLESS not in line]
