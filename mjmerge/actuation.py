@@ -113,4 +113,5 @@ def bicycle_angle(wheel_steer_rad: Array, wheelbase_m: Array, track_m: Array) ->
     """
     mean = (np.tan(wheel_steer_rad[..., 0]) + np.tan(wheel_steer_rad[..., 1])) / 2
     k = track_m / (2 * wheelbase_m)
-    return np.arctan(2 * mean / (1 + np.sqrt(1 + (2 * k * mean) ** 2)))
+    angle: Array = np.arctan(2 * mean / (1 + np.sqrt(1 + (2 * k * mean) ** 2)))
+    return angle

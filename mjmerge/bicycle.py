@@ -15,9 +15,13 @@ from mjmerge.state import Array
 
 
 def front_velocity(heading_rad: Array, speed_mps: Array, steer_rad: Array) -> Array:
-    """Velocity of the front-axle centre, m/s, (..., 2): v_r (cos th - sin th tan delta, sin th + cos th tan delta)."""
+    """Velocity of the front-axle centre, m/s, (..., 2).
+
+    v_r (cos th - sin th tan delta, sin th + cos th tan delta): d/dt of the paper's front-axle position.
+    """
     c, s, t = np.cos(heading_rad), np.sin(heading_rad), np.tan(steer_rad)
-    return speed_mps[..., None] * np.stack([c - s * t, s + c * t], axis=-1)
+    velocity: Array = speed_mps[..., None] * np.stack([c - s * t, s + c * t], axis=-1)
+    return velocity
 
 
 def derivative(wheelbase_m: Array, state: Array, a_mps2: Array, omega_radps: Array) -> Array:
@@ -57,7 +61,5 @@ def inverse(
     centripetal = speed_mps * speed_mps / wheelbase_m * t
     forward = c * u_mps2[..., 0] + s * u_mps2[..., 1] + centripetal * t
     left = c * u_mps2[..., 1] - s * u_mps2[..., 0] - centripetal
-    v = np.where(
-        np.abs(speed_mps) < eps_v_mps, np.where(speed_mps < 0, -eps_v_mps, eps_v_mps), speed_mps
-    )
+    v = np.where(np.abs(speed_mps) < eps_v_mps, np.where(speed_mps < 0, -eps_v_mps, eps_v_mps), speed_mps)
     return forward, (left - t * forward) / (v * (1 + t * t))  # cos^2 = 1/(1 + tan^2)

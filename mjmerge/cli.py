@@ -40,7 +40,9 @@ class Run:
     """Number of simulations, each with its own seed; the worst one is recorded."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Simulated time, in place of the scenario's."""
-    set_: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction] = ()
+    set_: Annotated[
+        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
     """Any scenario key, as in `--set law.k_o=0`; repeatable."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Run folder; by default runs/<scenario>-<plant>-<seed>, where an earlier run makes way."""
@@ -76,7 +78,9 @@ class Export:
 
     scenario: Annotated[str, tyro.conf.Positional]
     """Name of a shipped scenario, or the path of a YAML file."""
-    set_: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction] = ()
+    set_: Annotated[
+        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
     """Any scenario key; repeatable."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File to write; standard output by default."""
@@ -221,7 +225,13 @@ def _schema(args: Schema) -> int:
     return 0
 
 
-_COMMANDS: dict[type, Callable[..., int]] = {Run: _run, List: _list, View: _view, Export: _export, Schema: _schema}
+_COMMANDS: dict[type, Callable[..., int]] = {
+    Run: _run,
+    List: _list,
+    View: _view,
+    Export: _export,
+    Schema: _schema,
+}
 
 
 def _terminate(signum: int, frame: FrameType | None) -> None:
@@ -235,7 +245,7 @@ def main(argv: list[str] | None = None) -> None:
     warnings.filterwarnings("ignore", module="glfw")  # mujoco's window library, which we do not use
     signal.signal(signal.SIGTERM, _terminate)
     args = tyro.cli(
-        Annotated[Run, tyro.conf.subcommand("run")]  # type: ignore[arg-type]
+        Annotated[Run, tyro.conf.subcommand("run")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[View, tyro.conf.subcommand("view")]
         | Annotated[Export, tyro.conf.subcommand("export")]

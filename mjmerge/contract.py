@@ -68,7 +68,8 @@ class Verdict:
         """The verdict's grounds in words."""
         if self.verdict == BROKEN:
             first = self.breaches[0]
-            return f"unsafe at {self.unsafe_at_s:.2f} s, after '{first.hypothesis}' broke at {first.time_s:.2f} s"
+            broke = f"'{first.hypothesis}' broke at {first.time_s:.2f} s"
+            return f"unsafe at {self.unsafe_at_s:.2f} s, after {broke}"
         return {
             HELD: "safe, and the barrier was asked",
             VACUOUS: "safe, but nothing challenged the barrier",
@@ -115,13 +116,15 @@ def _obeys(trace: Trace) -> Mask:
 def _sampled_finely(trace: Trace) -> Mask:
     """d_j > k_o h/2: the barrier's gain k_o/d_j is stable under a hold of h."""
     bound = trace.scenario.law.k_o * trace.scenario.control_step_s / 2
-    return (trace.distance_m < bound).any(axis=2) & (bound > 0)
+    near: Mask = np.any(trace.distance_m < bound, axis=2)
+    return near & (bound > 0)
 
 
 def _prompt(trace: Trace) -> Mask:
     """d_j > 2 k_o tau/pi: that gain is stable under the true command delay tau."""
     bound = 2 * trace.scenario.law.k_o * trace.scenario.mismatch.command_delay_s / pi
-    return (trace.distance_m < bound).any(axis=2) & (bound > 0 and trace.plant == "mujoco")
+    near: Mask = np.any(trace.distance_m < bound, axis=2)
+    return near & (bound > 0 and trace.plant == "mujoco")
 
 
 HYPOTHESES: dict[str, Callable[[Trace], Mask]] = {
@@ -144,16 +147,17 @@ def challenged(trace: Trace) -> Mask:
     """
     d = np.where(np.isnan(trace.distance_m), np.inf, trace.distance_m)
     before = np.maximum.accumulate(np.where(np.isinf(d), -np.inf, d), axis=1)
-    return ((d < trace.scenario.law.r_m) & (d < before / 2)).any(axis=(1, 2))
+    asked: Mask = np.any((d < trace.scenario.law.r_m) & (d < before / 2), axis=(1, 2))
+    return asked
 
 
 def judge(trace: Trace) -> list[Verdict]:
     """The verdict on every simulation of a trace."""
-    unsafe = (trace.distance_m <= 0).any(axis=2) | (trace.clearance_m[:, :, :2] <= 0).any(axis=2)
+    unsafe: Mask = np.any(trace.distance_m <= 0, axis=2) | np.any(trace.clearance_m[:, :, :2] <= 0, axis=2)
     broken = {name: monitor(trace) for name, monitor in HYPOTHESES.items()}
     asked = challenged(trace)
     floor = trace.scenario.expect.min_distance_m.at_least
-    above = _above(trace.distance_m, floor)
+    above: Mask = np.all(trace.distance_m >= floor, axis=(1, 2))  # false for NaN: missing data is no pass
     stopped = {s.run for s in trace.stops}
 
     verdicts = []
@@ -172,11 +176,6 @@ def judge(trace: Trace) -> list[Verdict]:
         floor_held = bool(above[run]) and unsafe_at is None and run not in stopped
         verdicts.append(Verdict(run, verdict, unsafe_at, tuple(breaches), floor_held))
     return verdicts
-
-
-def _above(distance_m: Array, floor_m: float) -> Mask:
-    """Whether every tick of a simulation is there and keeps the floor, (N,)."""
-    return (distance_m >= floor_m).all(axis=(1, 2))
 
 
 def _first(mask: Mask, time_s: Array) -> float | None:

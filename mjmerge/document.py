@@ -100,7 +100,7 @@ class Document:
         else:
             self.problems.append(Problem(message, key, origin))
 
-    def replace(self, key: str, origin: int | str) -> None:
+    def rewrite(self, key: str, origin: int | str) -> None:
         """Say where ``key`` now comes from, and forget where the old value's parts came from."""
         below = f"{key}."
         for old in [k for k in self.origins if k.startswith(below)]:
@@ -126,10 +126,10 @@ class Document:
                     holder.setdefault(slot, None)
                 if not isinstance(holder[slot], dict | list):
                     holder[slot] = {}
-                    self.replace(here, origin)
+                    self.rewrite(here, origin)
                 holder = holder[slot]
             holder[_slot(holder, last)] = new.value
-            self.replace(key, origin)
+            self.rewrite(key, origin)
         except IndexError as error:
             self.problems.append(Problem(str(error), key, source=origin))
 
@@ -226,7 +226,7 @@ class _Composer:
             if name in lines:
                 message = f"given twice, on lines {lines[name]} and {line}; keep one"
                 self.to.problems.append(Problem(message, here, line))
-                self.to.replace(here, line)
+                self.to.rewrite(here, line)
             lines.setdefault(name, line)
             self.to.origins[here] = line
             values[name] = self.node(next(self.events), here, depth + 1)

@@ -42,7 +42,7 @@ def lateral_error_m(trace: Trace) -> Array:
 
 
 def merged_at_s(trace: Trace) -> Array:
-    """Time from which the ego stays within ``MERGED_M`` of Vehicle 1's lane, s, (N,); NaN if it never does."""
+    """Time from which the ego stays within ``MERGED_M`` of Vehicle 1 in lane, s, (N,); NaN if never."""
     out = ~(np.abs(lateral_error_m(trace)) < MERGED_M)  # true for NaN: a run that stopped has not merged
     last_out = np.where(out.any(1), out.shape[1] - 1 - np.argmax(out[:, ::-1], axis=1), -1)
     merged = last_out < out.shape[1] - 1
@@ -84,7 +84,9 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
             add(end, "info", "ego", f"gives up the merge (z = {trace.opinion[run, end]:.3f})")
     merged = merged_at_s(trace)[run]
     if not np.isnan(merged):
-        found.append(Event(float(merged), "info", "ego", f"merged (lateral error < {MERGED_M} m from here on)"))
+        found.append(
+            Event(float(merged), "info", "ego", f"merged (lateral error < {MERGED_M} m from here on)")
+        )
     for j, name in enumerate(CARS[1:]):
         d = trace.distance_m[run, :, j]
         for start, end in spans(d <= 0):
@@ -93,7 +95,7 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
                 start,
                 "error",
                 "ego",
-                f"d_{j + 1} <= 0: inside the safe margin of {name}, down to {least:.3f} m{within(start, end)}",
+                f"d_{j + 1} <= 0: inside the margin of {name}, down to {least:.3f} m{within(start, end)}",
             )
     for i, (a, b) in enumerate(PAIRS):
         for start, end in spans(trace.clearance_m[run, :, i] <= 0):

@@ -13,6 +13,7 @@ import numpy as np
 from mjmerge.contract import VERDICTS, Verdict
 from mjmerge.metrics import MERGED_M, merged_at_s, saturated
 from mjmerge.scenario import CARS
+from mjmerge.state import Array
 from mjmerge.trace import NEIGHBOURS, Trace
 
 if TYPE_CHECKING:
@@ -50,8 +51,7 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
         "floor_held_runs": sum(v.floor_held for v in verdicts),
         "worst_seed": int(trace.seeds[run]),
         "min_distance_m": {
-            car: _number(least)
-            for car, least in zip(NEIGHBOURS, _least(trace.min_distance_m), strict=True)
+            car: _number(least) for car, least in zip(NEIGHBOURS, _least(trace.min_distance_m), strict=True)
         },
         "t_min_distance_s": {
             car: _number(trace.time_s[np.argmin(np.where(np.isnan(d), np.inf, d))])
@@ -74,9 +74,9 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
     }
 
 
-def _least(values: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _least(values: Array) -> Array:
     """Minimum over simulations that ignores NaN unless there is nothing else."""
-    least = np.where(np.isnan(values), np.inf, values).min(axis=0)
+    least: Array = np.where(np.isnan(values), np.inf, values).min(axis=0)
     return np.where(np.isinf(least), np.nan, least)
 
 
@@ -105,7 +105,9 @@ def table(found: dict[str, Any]) -> Table:
     clearance = found["min_clearance_m"]
     grid.add_row("body clearance", "- (no bodies)" if clearance is None else metres(clearance))
     merged = found["merged_at_s"]
-    grid.add_row("merged", f"at {seconds(merged)} (lateral error < {MERGED_M} m)" if merged is not None else "no")
+    grid.add_row(
+        "merged", f"at {seconds(merged)} (lateral error < {MERGED_M} m)" if merged is not None else "no"
+    )
     busy = [f"{car} {seconds(s)}" for car, s in found["saturated_s"].items() if s]
     grid.add_row("saturated", ", ".join(busy) or "never")
     grid.add_row("verdict", f"{found['verdict']}: {found['verdict_reason']}")
@@ -113,7 +115,9 @@ def table(found: dict[str, Any]) -> Table:
         grid.add_row("verdicts", ", ".join(f"{n} {v}" for v, n in found["verdicts"].items()))
         grid.add_row("worst run", f"seed {found['worst_seed']}")
     for stop in found["stops"][:5]:
-        grid.add_row("stopped", f"seed {stop['seed']} at {seconds(stop['time_s'])}: {stop['car']}, {stop['reason']}")
+        grid.add_row(
+            "stopped", f"seed {stop['seed']} at {seconds(stop['time_s'])}: {stop['car']}, {stop['reason']}"
+        )
     floor = f"{found['floor_m']:.3f} m " + ("held" if good else "BROKEN")
     if found["runs"] > 1:
         floor += f" in {found['floor_held_runs']} of {found['runs']} runs"
@@ -138,7 +142,12 @@ def figure(trace: Trace, path: Path, run: int = 0) -> None:
         lateral.plot(t, trace.front_m[run, :, c, 1], color=_COLOURS[car], label=car.replace("_", " "))
     lateral.set_ylabel("lateral position $\\eta^\\top p$ (m)")
     for j, car in enumerate(NEIGHBOURS):
-        distance.plot(t, trace.distance_m[run, :, j], color=_COLOURS[car], label=f"$d_{j + 1}$ to {car.replace('_', ' ')}")
+        distance.plot(
+            t,
+            trace.distance_m[run, :, j],
+            color=_COLOURS[car],
+            label=f"$d_{j + 1}$ to {car.replace('_', ' ')}",
+        )
     distance.axhline(0, color="#c00000", linewidth=1)
     distance.set_ylabel("distance (m)")
     distance.set_xlabel("time (s)")

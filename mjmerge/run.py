@@ -92,7 +92,14 @@ def run(
     began = time.perf_counter()
     with recording or nullcontext():
         trace = simulate(
-            scenario, plant, runs=runs, seed=seed, threads=threads, world=world, sink=recording, progress=progress
+            scenario,
+            plant,
+            runs=runs,
+            seed=seed,
+            threads=threads,
+            world=world,
+            sink=recording,
+            progress=progress,
         )
         verdicts = judge(trace)
         found = summary(trace, verdicts, time.perf_counter() - began)
@@ -154,7 +161,9 @@ def prepare(folder: Path, replace: bool) -> bool:
         if there and not replace:
             raise OutputError(f"{folder} is not empty, and nothing is overwritten: choose another --out")
         if there - ours:
-            raise OutputError(f"{folder} holds files that are not a run's ({min(there - ours)}): choose an --out")
+            raise OutputError(
+                f"{folder} holds files that are not a run's ({min(there - ours)}): choose an --out"
+            )
         for name in there:
             (folder / name).unlink()
         probe = folder / "summary.json.partial"

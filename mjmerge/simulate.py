@@ -55,7 +55,7 @@ def simulate(
     drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
     seeds = np.arange(seed, seed + runs)
     drawn = [
-        driver.draw([np.random.default_rng([s, j]) for s in seeds], scenario.duration_s)
+        driver.draw([np.random.default_rng([s, j]) for s in seeds.tolist()], scenario.duration_s)
         for j, driver in enumerate(drivers)
     ]
     moving = make(plant, scenario, world, runs, threads)
@@ -97,7 +97,7 @@ def simulate(
 def _drive(
     drivers: tuple[Driver, ...], drawn: list[Array | None], cars: Cars, lanes_m: Array, time_s: float
 ) -> Array:
-    """What the neighbours intend: accelerations along the road by their drivers, across it to keep their lanes.
+    """What the neighbours intend: their drivers decide along the road, lane keeping across it.
 
     Returns:
         u_j, m/s^2, (N, 2, 2), neighbour before component.

@@ -7,8 +7,8 @@ fills it, the recorders write it, and the documentation lists it from this decla
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Annotated, Protocol, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,13 @@ XY = ("x", "y")
 NEIGHBOURS = CARS[1:]
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 PAIR_NAMES = ("ego_vehicle_1", "ego_vehicle_2", "vehicle_1_vehicle_2")
+
+
+class Meaning:
+    """Declares an attribute of :class:`Trace` as a column: its symbol, what it is, names along its axes."""
+
+    def __init__(self, symbol: str, doc: str, *axes: tuple[str, ...]) -> None:
+        self.symbol, self.doc, self.axes = symbol, doc, axes
 
 
 @dataclass(frozen=True)
@@ -46,10 +53,6 @@ class Column:
     def shape(self) -> tuple[int, ...]:
         """Shape after (simulation, tick)."""
         return tuple(len(a) for a in self.axes)
-
-
-def _column(symbol: str, doc: str, *axes: tuple[str, ...]) -> Any:
-    return field(metadata={"symbol": symbol, "doc": doc, "axes": axes})
 
 
 @dataclass(frozen=True)
@@ -85,28 +88,28 @@ class Trace:
     time_s: Array
     """Simulated time, s, (T,)."""
 
-    opinion: Array = _column("z", "opinion")
-    mu: Array = _column("mu", "bifurcation parameter")
-    weight: Array = _column("w", "weight of the merge in the target, tanh(k_w z)")
-    distance_m: Array = _column("d_j", "distance of the front axles less r", NEIGHBOURS)
-    distance_rate_mps: Array = _column("d_j'", "rate of that distance", NEIGHBOURS)
-    gap_m: Array = _column("dbar", "gap between the neighbours, |p_2 - p_1| - r")
-    clearance_m: Array = _column("clearance", "distance between the bodies", PAIR_NAMES)
-    target_m: Array = _column("p_1 + e_1*", "where the nominal law wants the ego", XY)
-    u_n_mps2: Array = _column("u_n", "nominal tracking command of the ego", XY)
-    u_c_mps2: Array = _column("u_c", "barrier command of the ego", XY)
-    u_mps2: Array = _column("u", "front-axle acceleration command", CARS, XY)
-    front_m: Array = _column("p", "front-axle centre", CARS, XY)
-    velocity_mps: Array = _column("v", "velocity of the front-axle centre", CARS, XY)
-    heading_rad: Array = _column("theta", "heading, from the road's direction to the left", CARS)
-    speed_mps: Array = _column("v_r", "rear-axle speed", CARS)
-    steer_rad: Array = _column("delta", "steering angle of the equivalent bicycle", CARS)
-    a_mps2: Array = _column("a", "rear-axle acceleration command, before limits", CARS)
-    omega_radps: Array = _column("omega", "steering rate command, before limits", CARS)
-    steer_command_rad: Array = _column("delta_cmd", "steering angle command, within limits", CARS)
-    torque_n_m: Array = _column("tau", "wheel torque command, within limits", CARS, WHEELS)
-    torque_clipped_n_m: Array = _column("tau clipped", "torque asked for and not given", CARS)
-    steer_clipped_rad: Array = _column("delta clipped", "steering asked for and not given", CARS)
+    opinion: Annotated[Array, Meaning("z", "opinion")]
+    mu: Annotated[Array, Meaning("mu", "bifurcation parameter")]
+    weight: Annotated[Array, Meaning("w", "weight of the merge in the target, tanh(k_w z)")]
+    distance_m: Annotated[Array, Meaning("d_j", "distance of the front axles less r", NEIGHBOURS)]
+    distance_rate_mps: Annotated[Array, Meaning("d_j'", "rate of that distance", NEIGHBOURS)]
+    gap_m: Annotated[Array, Meaning("dbar", "gap between the neighbours, |p_2 - p_1| - r")]
+    clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIR_NAMES)]
+    target_m: Annotated[Array, Meaning("p_1 + e_1*", "where the nominal law wants the ego", XY)]
+    u_n_mps2: Annotated[Array, Meaning("u_n", "nominal tracking command of the ego", XY)]
+    u_c_mps2: Annotated[Array, Meaning("u_c", "barrier command of the ego", XY)]
+    u_mps2: Annotated[Array, Meaning("u", "front-axle acceleration command", CARS, XY)]
+    front_m: Annotated[Array, Meaning("p", "front-axle centre", CARS, XY)]
+    velocity_mps: Annotated[Array, Meaning("v", "velocity of the front-axle centre", CARS, XY)]
+    heading_rad: Annotated[Array, Meaning("theta", "heading, from the road's direction to the left", CARS)]
+    speed_mps: Annotated[Array, Meaning("v_r", "rear-axle speed", CARS)]
+    steer_rad: Annotated[Array, Meaning("delta", "steering angle of the equivalent bicycle", CARS)]
+    a_mps2: Annotated[Array, Meaning("a", "rear-axle acceleration command, before limits", CARS)]
+    omega_radps: Annotated[Array, Meaning("omega", "steering rate command, before limits", CARS)]
+    steer_command_rad: Annotated[Array, Meaning("delta_cmd", "steering angle command, within limits", CARS)]
+    torque_n_m: Annotated[Array, Meaning("tau", "wheel torque command, within limits", CARS, WHEELS)]
+    torque_clipped_n_m: Annotated[Array, Meaning("tau clipped", "torque asked for and not given", CARS)]
+    steer_clipped_rad: Annotated[Array, Meaning("delta clipped", "steering asked for and not given", CARS)]
 
     @property
     def runs(self) -> int:
@@ -125,10 +128,12 @@ class Trace:
 
 
 COLUMNS: tuple[Column, ...] = tuple(
-    Column(f.name, f.metadata["axes"], f.metadata["symbol"], f.metadata["doc"])
-    for f in fields(Trace)
-    if "axes" in f.metadata
+    Column(name, meaning.axes, meaning.symbol, meaning.doc)
+    for name, hint in get_type_hints(Trace, include_extras=True).items()
+    for meaning in getattr(hint, "__metadata__", ())
+    if isinstance(meaning, Meaning)
 )
+"""Every column of a trace, in the order of its declaration."""
 
 
 def _least(values: Array) -> Array:
@@ -166,7 +171,7 @@ class Log:
 
     def __init__(self, scenario: Scenario, plant: str, seeds: NDArray[np.int64], sink: Sink | None) -> None:
         self._scenario, self._plant, self._seeds, self._sink = scenario, plant, seeds, sink
-        self.time_s = np.arange(scenario.ticks) * scenario.control_step_s
+        self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
         self.columns = {c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan) for c in COLUMNS}
         self._stops: list[Stop] = []
         self._qpos: list[Array] = []

@@ -151,13 +151,13 @@ def _add_road(root: mjcf.RootElement, scenario: Scenario) -> None:
     begin = min(starts) - 5.0
     end = max(starts) + 10.0 + 1.5 * max(max(speeds), 0.0) * scenario.duration_s
 
-    root.worldbody.add("light", name="sun", pos=(0, -4, 8), dir=(0, 0.4, -1), type="directional", castshadow=True)
-    root.worldbody.add(
-        "geom", name="road", type="plane", size=(0, 0, 1), rgba=(0.32, 0.33, 0.35, 1), contype=0, conaffinity=1
-    )
+    ground = root.worldbody
+    ground.add("light", name="sun", pos=(0, -4, 8), dir=(0, 0.4, -1), type="directional", castshadow=True)
+    grey = (0.32, 0.33, 0.35, 1)
+    ground.add("geom", name="road", type="plane", size=(0, 0, 1), rgba=grey, contype=0, conaffinity=1)
 
     def line(name: str, x: float, y: float, length: float) -> None:
-        root.worldbody.add(
+        ground.add(
             "geom",
             name=name,
             type="box",
@@ -243,11 +243,11 @@ def _check_model(model: mujoco.MjModel, scenario: Scenario) -> None:
     }
     for name, value in wanted.items():
         if getattr(model.opt, name) != value:
-            raise ModelError(f"option {name} is {getattr(model.opt, name)} in the compiled world, not {value}")
+            raise ModelError(f"the compiled world's option {name} is {getattr(model.opt, name)}, not {value}")
     for car in CARS:
         for wheel in WHEELS:
             tyre = model.geom(f"{car}/tyre_{wheel}")
             if tyre.type[0] != mujoco.mjtGeom.mjGEOM_SPHERE:
                 raise ModelError(
-                    f"{car}: tyre_{wheel} is not a sphere; other shapes have two contacts and scrub the car straight"
+                    f"{car}: tyre_{wheel} is not a sphere; other shapes touch the road twice and scrub"
                 )

@@ -1,6 +1,6 @@
 """Dissipative barrier feedback: what keeps the ego away from the neighbours.
 
-    u_c = - sum_j k_o g_j d_j' / d_j,    d_j = |p - p_j| - r,    d_j' = g_j . nu_j
+u_c = - sum_j k_o g_j d_j' / d_j,    d_j = |p - p_j| - r,    d_j' = g_j . nu_j
 """
 
 from __future__ import annotations

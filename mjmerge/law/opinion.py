@@ -33,7 +33,7 @@ def bifurcation_input(law: Law, rho_g: Array, dbar: Array, dbar_dot: Array) -> A
 
 
 def advance(law: Law, z: Array, mu: Array, mu_input: Array, step_s: float) -> tuple[Array, Array]:
-    """z and mu one control step later, each (N,).
+    """The opinion z and mu one control step later, each (N,).
 
     Args:
         law: gains.

@@ -7,7 +7,7 @@ import numpy as np
 from mjmerge.actuation import ackermann
 from mjmerge.plant.base import Fault
 from mjmerge.scenario import CARS, Scenario
-from mjmerge.state import PAIRS, Array, Cars
+from mjmerge.state import PAIRS, Array, Cars, Mask
 from mjmerge.world import World
 
 
@@ -38,6 +38,9 @@ def no_clearance(runs: int) -> Array:
 
 
 def not_finite(state: Array) -> list[Fault]:
-    """Faults of simulations whose state, (N, C, ...), is NaN or infinite."""
-    bad = ~np.isfinite(state).all(axis=tuple(range(2, state.ndim)))
-    return [Fault(int(run), int(np.argmax(bad[run])), "its state is not finite") for run in np.flatnonzero(bad.any(1))]
+    """Faults of simulations whose state, (N, C, K), is NaN or infinite."""
+    bad: Mask = ~np.all(np.isfinite(state), axis=2)
+    return [
+        Fault(int(run), int(np.argmax(bad[run])), "its state is not finite")
+        for run in np.flatnonzero(np.any(bad, axis=1))
+    ]

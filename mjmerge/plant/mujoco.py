@@ -85,8 +85,7 @@ class MuJoCo:
         """See :meth:`Plant.faults`."""
         found = [Fault(run, 0, f"MuJoCo: {message}") for run, message in self._errors.items()]
         up = self._read("up_axis")[..., 2]
-        with np.errstate(invalid="ignore"):
-            off = ~(up > _TILTED)  # true for NaN
+        off = ~(up > _TILTED)  # true for NaN
         for run in np.flatnonzero(off.any(axis=1)):
             car = int(np.argmax(off[run]))
             fine = np.isfinite(up[run, car])
@@ -95,7 +94,8 @@ class MuJoCo:
 
     def qpos(self) -> Array:
         """See :meth:`Plant.qpos`."""
-        return self._qpos
+        qpos: Array = self._qpos
+        return qpos
 
 
 def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> MuJoCo:
