@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from inspect import signature
-from itertools import combinations, pairwise
+from itertools import combinations
 from math import dist
 from typing import Any
 
 from mjmerge.datasheet import DataSheet
-from mjmerge.drivers.flips import Flips
-from mjmerge.drivers.gap import Gap
 from mjmerge.errors import Problem, nearest
 from mjmerge.scenario import CARS, Drivers, Initial, Law
 
@@ -117,23 +115,10 @@ def _bodies(initial: Initial, sheets: Mapping[str, DataSheet]) -> Iterator[Probl
 
 
 def _drivers(drivers: Drivers) -> Iterator[Problem]:
-    """Times of each driver are in order."""
+    """What each driver finds wrong with itself."""
     for car in CARS[1:]:
-        driver, key = getattr(drivers, car), f"drivers.{car}"
-        if isinstance(driver, Flips) and driver.hold_min_s > driver.hold_max_s:
-            yield Problem(
-                f"the shortest hold ({driver.hold_min_s} s) must not exceed the longest "
-                f"({driver.hold_max_s} s)",
-                f"{key}.hold_min_s",
-            )
-        if isinstance(driver, Gap):
-            for i, (before, move) in enumerate(pairwise(driver.moves), start=1):
-                end = before.start_s + before.duration_s
-                if move.start_s < end:
-                    yield Problem(
-                        f"starts at {move.start_s} s, before the move above it ends, at {end:g} s",
-                        f"{key}.moves.{i}.start_s",
-                    )
+        for key, message in getattr(drivers, car).problems():
+            yield Problem(message, f"drivers.{car}.{key}")
 
 
 _CHECKS = (_steps, _variant, _distances, _order_and_gap, _bodies, _drivers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,10 @@ class Driver(Frozen):
     """What a neighbour intends. Frozen: all that is random is drawn before t = 0."""
 
     kind: Any
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        """What its fields, each valid by itself, get wrong together: key below the driver, and message."""
+        yield from ()
 
     def draw(self, rngs: Sequence[np.random.Generator], duration_s: float) -> Array | None:
         """Random numbers of the whole run, one row per simulation, (N, ...); ``None`` if there are none.

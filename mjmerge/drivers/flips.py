@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import ceil
 from typing import Literal
 
@@ -29,11 +29,16 @@ class Flips(Driver):
     bandwidth_radps: float = Field(default=1.5, gt=0)
     """How eagerly it follows its intention, rad/s."""
 
+    def problems(self) -> Iterator[tuple[str, str]]:
+        """See :meth:`Driver.problems`."""
+        if self.hold_min_s > self.hold_max_s:
+            longest = f"must not exceed the longest ({self.hold_max_s} s)"
+            yield "hold_min_s", f"the shortest hold ({self.hold_min_s} s) {longest}"
+
     def draw(self, rngs: Sequence[np.random.Generator], duration_s: float) -> Array:
         """Times of the flips, s, (N, K), increasing along the last axis."""
-        low, high = sorted((self.hold_min_s, self.hold_max_s))
-        count = ceil(duration_s / low) + 1
-        return np.stack([np.cumsum(rng.uniform(low, high, count)) for rng in rngs])
+        count = ceil(duration_s / self.hold_min_s) + 1
+        return np.stack([np.cumsum(rng.uniform(self.hold_min_s, self.hold_max_s, count)) for rng in rngs])
 
     def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
         """See :meth:`Driver.acceleration_mps2`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
 from math import cos, pi, sin
 from typing import Annotated, Literal
 
@@ -59,6 +61,16 @@ class Gap(Driver):
     """Changes of mind, in order of time."""
     bandwidth_radps: float = Field(default=3.0, gt=0)
     """Speed of the return to the profile, rad/s."""
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        """See :meth:`Driver.problems`."""
+        for i, (before, move) in enumerate(pairwise(self.moves), start=1):
+            end = before.start_s + before.duration_s
+            if move.start_s < end:
+                yield (
+                    f"moves.{i}.start_s",
+                    (f"starts at {move.start_s} s, before the move above it ends, at {end:g} s"),
+                )
 
     def profile(self, time_s: float) -> tuple[float, float, float]:
         """The intended gap and its first two time derivatives, (m, m/s, m/s^2)."""
