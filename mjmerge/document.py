@@ -184,7 +184,7 @@ class _Composer:
             self.to.problems.append(Problem("a second document starts here; keep one", "", _line(extra)))
         return value
 
-    def node(self, event: Event, key: str, depth: int) -> Any:
+    def node(self, event: Any, key: str, depth: int) -> Any:  # ruamel declares no attributes of events
         """The value that starts with ``event``."""
         line = _line(event)
         if depth > DEEPEST:

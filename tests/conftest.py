@@ -1,0 +1,36 @@
+"""What all tests share: no graphics, repeatable properties, and small scenarios and traces."""
+
+import os
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+os.environ.setdefault("MUJOCO_GL", "disable")  # before anything imports mujoco
+
+settings.register_profile("mjmerge", deadline=None, derandomize=True, max_examples=60)
+settings.load_profile("mjmerge")
+
+
+@pytest.fixture
+def make_trace() -> Callable:
+    """Builds a trace from a few columns, (N, T, ...); the others are NaN."""
+    from mjmerge.loader import load
+    from mjmerge.trace import COLUMNS, Trace
+
+    def build(ticks=40, runs=1, overrides=(), plant="mujoco", stops=(), **given):
+        scenario = load("paper", ["control_step_s=0.01", *overrides])
+        columns = {c.name: np.full((runs, ticks, *c.shape), np.nan) for c in COLUMNS}
+        for name, value in given.items():
+            columns[name][:] = value
+        return Trace(
+            scenario=scenario,
+            plant=plant,
+            seeds=np.arange(runs),
+            stops=tuple(stops),
+            time_s=np.arange(ticks) * 0.01,
+            **columns,
+        )
+
+    return build

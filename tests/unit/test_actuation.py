@@ -1,0 +1,137 @@
+"""Actuation: always within limits, and honest about what it clipped."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjmerge.actuation import BelievedCars, ackermann, actuate, believed_sheets, bicycle_angle
+from mjmerge.loader import data_sheet, load
+from mjmerge.state import Cars
+
+SHEET = data_sheet("rc")
+H, EPS_V = 0.01, 0.1
+LIMITED = BelievedCars.of([SHEET] * 3, limited=True)
+UNLIMITED = BelievedCars.of([SHEET] * 3, limited=False)
+
+
+def cars(heading=0.0, speed=2.0, steer=0.0, command=None):
+    """One simulation whose three cars all move alike."""
+
+    def three(x):
+        return np.full((1, 3), x)
+
+    return Cars(
+        front_m=np.zeros((1, 3, 2)),
+        velocity_mps=np.zeros((1, 3, 2)),
+        heading_rad=three(heading),
+        speed_mps=three(speed),
+        steer_rad=three(steer),
+        steer_command_rad=three(steer if command is None else command),
+        clearance_m=np.full((1, 3), np.nan),
+    )
+
+
+def wanting(x, y):
+    """The same wanted acceleration for all three cars."""
+    return np.tile(np.array([x, y], dtype=float), (1, 3, 1))
+
+
+states = st.builds(
+    cars,
+    heading=st.floats(-np.pi, np.pi),
+    speed=st.floats(-5, 30),
+    steer=st.floats(-0.6, 0.6),
+    command=st.floats(-SHEET.steer_limit_rad, SHEET.steer_limit_rad),
+)
+wishes = st.builds(wanting, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
+
+
+@given(states, wishes)
+def test_commands_stay_within_the_limits_whatever_is_wanted(state, u):
+    controls = actuate(state, u, LIMITED, EPS_V, H)
+    assert np.abs(controls.torque_n_m).max() <= SHEET.torque_limit_n_m
+    assert np.abs(controls.steer_rad).max() <= SHEET.steer_limit_rad
+    moved = controls.steer_rad - state.steer_command_rad
+    assert np.abs(moved).max() <= SHEET.steer_rate_limit_radps * H + 1e-15
+
+
+@given(states, wishes)
+def test_what_is_clipped_is_what_was_wanted_less_what_is_given(state, u):
+    controls, free = (actuate(state, u, believed, EPS_V, H) for believed in (LIMITED, UNLIMITED))
+    torque = (free.torque_n_m - controls.torque_n_m).sum(axis=-1)
+    assert controls.torque_clipped_n_m == pytest.approx(torque, rel=1e-12, abs=1e-12)
+    assert controls.steer_clipped_rad == pytest.approx(free.steer_rad - controls.steer_rad, rel=1e-12, abs=1e-14)
+
+
+@given(states, wishes)
+def test_without_limits_nothing_is_clipped(state, u):
+    controls = actuate(state, u, UNLIMITED, EPS_V, H)
+    assert not controls.torque_clipped_n_m.any()
+    assert not controls.steer_clipped_rad.any()
+    assert controls.steer_rad == pytest.approx(state.steer_command_rad + controls.omega_radps * H)
+
+
+def test_small_wishes_are_not_clipped():
+    controls = actuate(cars(), wanting(1.0, 0.5), LIMITED, EPS_V, H)
+    assert not controls.torque_clipped_n_m.any()
+    assert not controls.steer_clipped_rad.any()
+
+
+def test_steering_goes_on_from_the_angle_last_commanded_so_a_lagging_servo_is_not_asked_twice():
+    controls = actuate(cars(steer=0.05, command=0.1), wanting(0.0, 2.0), LIMITED, EPS_V, H)
+    assert controls.steer_rad == pytest.approx(0.1 + controls.omega_radps * H)
+
+
+@pytest.mark.parametrize("a", [1.0, -1.0, 0.25])
+@pytest.mark.parametrize(("drive", "driven"), [("all", [1, 1, 1, 1]), ("front", [1, 1, 0, 0]), ("rear", [0, 0, 1, 1])])
+def test_the_driven_wheels_share_the_torque_of_the_effective_mass(a, drive, driven):
+    sheet = SHEET.model_copy(update={"drive": drive})
+    controls = actuate(cars(), wanting(a, 0.0), BelievedCars.of([sheet] * 3, limited=True), EPS_V, H)
+    total = (sheet.mass_kg + sheet.rotating_mass_kg) * a * sheet.wheel_radius_m
+    assert controls.torque_n_m[0, 0] == pytest.approx(np.array(driven) * total / sum(driven), rel=1e-12)
+
+
+def test_positive_lateral_acceleration_steers_left():
+    controls = actuate(cars(), wanting(0.0, 1.0), LIMITED, EPS_V, H)
+    assert (controls.steer_rad > 0).all()
+    assert (controls.wheel_steer_rad > 0).all()
+
+
+sizes = {"wheelbase_m": st.floats(0.2, 4), "track_m": st.floats(0.1, 2)}
+
+
+@given(st.floats(-0.7, 0.7), **sizes)
+def test_both_front_wheels_roll_about_one_point_on_the_rear_axle_line(delta, wheelbase_m, track_m):
+    if abs(delta) < 1e-3 or track_m * np.tan(abs(delta)) > wheelbase_m:
+        return  # straight on, or the turn centre is under the car
+    left, right = ackermann(np.float64(delta), wheelbase_m, track_m)
+    centre_left = track_m / 2 + wheelbase_m / np.tan(left)
+    centre_right = -track_m / 2 + wheelbase_m / np.tan(right)
+    assert centre_left == pytest.approx(centre_right, rel=1e-9)
+    assert centre_left == pytest.approx(wheelbase_m / np.tan(delta), rel=1e-9)
+
+
+@given(st.floats(-0.7, 0.7), **sizes)
+def test_the_bicycle_angle_undoes_ackermann(delta, wheelbase_m, track_m):
+    if track_m * np.tan(abs(delta)) > 1.9 * wheelbase_m:
+        return  # the turn centre is under the inner wheel
+    back = bicycle_angle(ackermann(np.float64(delta), wheelbase_m, track_m), wheelbase_m, track_m)
+    assert back == pytest.approx(delta, abs=1e-12)
+
+
+def test_beliefs_change_what_is_believed_of_the_ego_and_of_nobody_else():
+    scenario = load("paper", ["belief.mass_kg=5.5", "belief.wheelbase_m=0.4"])
+    ego, *neighbours = believed_sheets(scenario)
+    assert (ego.mass_kg, ego.wheelbase_m, ego.wheel_radius_m) == (5.5, 0.4, SHEET.wheel_radius_m)
+    assert neighbours == [SHEET, SHEET]
+    assert believed_sheets(load("paper")) == [SHEET] * 3
+
+
+def test_a_heavier_belief_asks_for_more_torque():
+    light, heavy = (
+        BelievedCars.of(believed_sheets(load("paper", o)), limited=True) for o in ([], ["belief.mass_kg=7.48"])
+    )
+    one, two = (actuate(cars(), wanting(1.0, 0.0), b, EPS_V, H).torque_n_m[0, :, 0] for b in (light, heavy))
+    assert two[0] / one[0] == pytest.approx((7.48 + SHEET.rotating_mass_kg) / SHEET.effective_mass_kg)
+    assert np.array_equal(two[1:], one[1:])
