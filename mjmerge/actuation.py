@@ -15,7 +15,7 @@ from mjmerge.bicycle import inverse
 from mjmerge.datasheet import DataSheet
 from mjmerge.loader import data_sheet
 from mjmerge.scenario import CARS, Scenario
-from mjmerge.state import Array, Cars, Controls
+from mjmerge.state import Array, Cars, Controls, limit
 
 _DRIVEN = {"all": (1, 1, 1, 1), "front": (1, 1, 0, 0), "rear": (0, 0, 1, 1)}
 
@@ -81,11 +81,11 @@ def actuate(cars: Cars, u_mps2: Array, believed: BelievedCars, eps_v_mps: float,
     )
     rate = believed.steer_rate_limit_radps
     steer_wanted = cars.steer_command_rad + omega * step_s
-    steer = cars.steer_command_rad + np.clip(omega, -rate, rate) * step_s
-    steer = np.clip(steer, -believed.steer_limit_rad, believed.steer_limit_rad)
+    steer = cars.steer_command_rad + limit(omega, rate) * step_s
+    steer = limit(steer, believed.steer_limit_rad)
 
     torque_wanted = believed.torque_per_acceleration * a
-    torque = np.clip(torque_wanted, -believed.torque_limit_n_m, believed.torque_limit_n_m)
+    torque = limit(torque_wanted, believed.torque_limit_n_m)
     return Controls(
         u_mps2=u_mps2,
         a_mps2=a,

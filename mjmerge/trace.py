@@ -193,7 +193,7 @@ class Log:
                 self.columns[name][running, k] = value[running]
         self._ticks = k + 1
         if self._sink is not None and running[0]:
-            self._qpos.append(qpos())
+            self._qpos.append(qpos().copy())
             if len(self._qpos) == BLOCK_TICKS:
                 self.flush()
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from mjmerge.scenario import Law
-from mjmerge.state import Array
+from mjmerge.state import Array, limit
 
 _MAX_EXPONENT = 700.0  # exp() of more overflows; z is 0 or mu to the last bit long before
 
@@ -49,7 +49,7 @@ def advance(law: Law, z: Array, mu: Array, mu_input: Array, step_s: float) -> tu
     mu_mean = mu_inf + (mu - mu_inf) * ((1 - decay) / (law.k_mu * h))
 
     # logistic z' = (m z - z^2)/eps:  z(h) = z / (e^-x + z (1 - e^-x)/m),  x = m h/eps
-    x = np.clip(mu_mean * (h / law.eps), -_MAX_EXPONENT, _MAX_EXPONENT)
+    x = limit(mu_mean * (h / law.eps), _MAX_EXPONENT)
     flat = np.abs(x) < 1e-12  # (1 - e^-x)/m -> h/eps
     growth = np.where(flat, h / law.eps, -np.expm1(-x) / np.where(flat, 1.0, x) * (h / law.eps))
     return z / (np.exp(-x) + z * growth), mu_next

@@ -33,11 +33,11 @@ class MuJoCo:
         def adr(name: str) -> int:
             return int(model.sensor(name).adr[0])
 
-        self._at = {
-            name: np.array([[adr(f"{car}/{name}") + i for i in range(size)] for car in CARS])
-            for name, size in SENSORS.items()
-        }
-        self._clearance_at = np.array([adr(f"clearance_{CARS[a]}_{CARS[b]}") for a, b in PAIRS])
+        # every sensor read, in the order read: all cars' first sensor, all cars' second, ..., clearances
+        self._order = np.array(
+            [adr(f"{car}/{name}") + i for name, n in SENSORS.items() for car in CARS for i in range(n)]
+            + [adr(f"clearance_{CARS[a]}_{CARS[b]}") for a, b in PAIRS]
+        )
         self._steer_at = np.array([[model.actuator(f"{car}/{n}").id for n in STEER] for car in CARS])
         self._drive_at = np.array([[model.actuator(f"{car}/{n}").id for n in DRIVE] for car in CARS])
         # geometry of its own cars, to turn two wheel angles into one: what a steering sensor reports
@@ -50,25 +50,33 @@ class MuJoCo:
         self._qpos[:] = world.qpos(front_m, still, np.stack([still, still], axis=-1), still)
         self._batch.qvel = world.qvel(speed_mps)
         self._batch.forward()
+        self._sense()
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`."""
-        front = self._read("front_position")
-        forward = self._read("forward_axis")
-        steer = np.concatenate([self._read("steer_left"), self._read("steer_right")], axis=-1)
+        now = self._now
+        forward = now["forward_axis"]
+        steer = np.concatenate([now["steer_left"], now["steer_right"]], axis=-1)
         return Cars(
-            front_m=front[..., :2],
-            velocity_mps=self._read("front_velocity")[..., :2],
-            heading_rad=np.arctan2(forward[..., 1].copy(), forward[..., 0].copy()),
-            speed_mps=self._read("rear_velocity")[..., 0],
+            front_m=now["front_position"][..., :2],
+            velocity_mps=now["front_velocity"][..., :2],
+            heading_rad=np.arctan2(forward[..., 1], forward[..., 0]),
+            speed_mps=now["rear_velocity"][..., 0],
             steer_rad=bicycle_angle(steer, self._wheelbase_m, self._track_m),
             steer_command_rad=self._steer_command,
-            clearance_m=np.take(self._sensors, self._clearance_at, axis=1),
+            clearance_m=self._clearance,
         )
 
-    def _read(self, name: str) -> Array:
-        """A sensor of every car, (N, C, size)."""
-        return np.take(self._sensors, self._at[name], axis=1)
+    def _sense(self) -> None:
+        """Reads all sensors: by name, (N, C, size), and the clearances, (N, P)."""
+        values: Array = np.take(self._sensors, self._order, axis=1)
+        self._now: dict[str, Array] = {}
+        at = 0
+        for name, size in SENSORS.items():
+            end = at + len(CARS) * size
+            self._now[name] = values[:, at:end].reshape(-1, len(CARS), size)
+            at = end
+        self._clearance = values[:, at:]
 
     def step(self, controls: Controls, running: Mask) -> None:
         """See :meth:`Plant.step`."""
@@ -80,11 +88,12 @@ class MuJoCo:
             self._batch.step(ids, self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
         except SimulationError as error:
             self._errors = {int(i): self._batch.error(int(i)) for i in error.ids}
+        self._sense()
 
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
         found = [Fault(run, 0, f"MuJoCo: {message}") for run, message in self._errors.items()]
-        up = self._read("up_axis")[..., 2]
+        up = self._now["up_axis"][..., 2]
         off = ~(up > _TILTED)  # true for NaN
         for run in np.flatnonzero(off.any(axis=1)):
             car = int(np.argmax(off[run]))

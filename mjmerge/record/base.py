@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmerge.errors import OutputError, RecordingError
+from mjmerge.metrics import Event
 from mjmerge.record.scene import Scene
 from mjmerge.scenario import Scenario
 from mjmerge.trace import Array, Block
@@ -19,7 +21,8 @@ from mjmerge.trace import Array, Block
 if TYPE_CHECKING:
     import mujoco
 
-Level = Literal["info", "warning", "error"]
+_SPARE_BYTES = 32 * 2**20
+"""Recorders stop before the disk is full: a writer that hits its end can hang for good."""
 
 
 @dataclass(frozen=True)
@@ -45,23 +48,6 @@ class Header:
     world_xml: str
     versions: Mapping[str, str]
     control_step_s: float
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something worth a line in the log.
-
-    Attributes:
-        time_s: simulated time, s.
-        level: how bad it is.
-        car: which car; empty when it is about the run.
-        text: what happened, in words.
-    """
-
-    time_s: float
-    level: Level
-    car: str
-    text: str
 
 
 @dataclass(frozen=True)
@@ -124,19 +110,23 @@ class Recording:
     ``.partial``, and the run goes on. Leaving the context without ``close`` leaves readable partial files.
 
     Attributes:
-        failures: what went wrong, a line per file.
         files: the files that are complete.
     """
 
     def __init__(self, folder: Path, header: Header, factories: Mapping[str, Factory]) -> None:
         """Args: the run folder, which exists; what is known of the run; file name to what writes it."""
-        self.failures: list[str] = []
         self.files: list[Path] = []
         self._folder = folder
         self._header = header
         self._factories = factories
         self._scene = Scene(header.model, header.scenario.law.r_m)
         self._live: dict[str, Recorder] = {}
+        self._failed: dict[str, str] = {}
+
+    @property
+    def failures(self) -> list[str]:
+        """What went wrong, a line per file."""
+        return [f"{name}: {reason}" for name, reason in self._failed.items()]
 
     def __enter__(self) -> Self:
         for name, factory in self._factories.items():
@@ -150,7 +140,7 @@ class Recording:
         pos_m, quat = self._scene.poses(block)
         posed = PosedBlock(block, nanoseconds(block.ticks * self._header.control_step_s), pos_m, quat)
         for name, recorder in list(self._live.items()):
-            self._attempt(name, recorder.write, posed)
+            self._attempt(name, self._write, recorder, posed)
 
     def close(self, outcome: Outcome) -> None:
         """Completes every file that is still well and gives it its name."""
@@ -173,6 +163,11 @@ class Recording:
                 raise OutputError(f"{path} exists; recordings are not overwritten")
         self._live[name] = factory(self._partial(name), self._header, self._scene)
 
+    def _write(self, recorder: Recorder, posed: PosedBlock) -> None:
+        if shutil.disk_usage(self._folder).free < _SPARE_BYTES:
+            raise OutputError(f"the disk of {self._folder} is full")
+        recorder.write(posed)
+
     def _finish(self, name: str, recorder: Recorder, outcome: Outcome) -> None:
         recorder.close(outcome)
         partial, final = self._partial(name), self._folder / name
@@ -190,7 +185,7 @@ class Recording:
         except (KeyboardInterrupt, SystemExit):
             raise
         except BaseException as error:  # a panic in a writer made of Rust is no Exception
-            self.failures.append(f"{name}: {error}" if str(error) else f"{name}: {type(error).__name__}")
+            self._failed.setdefault(name, str(error) or type(error).__name__)
             self._drop(name)
 
     def _drop(self, name: str) -> None:

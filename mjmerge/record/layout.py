@@ -61,7 +61,7 @@ def blueprint(scenario: Scenario) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                view("Chase", (-3.8, 0.0, 2.2), (0, 0, 1)),
+                view("Chase", (-4.5, 0.0, 2.5), (0, 0, 1)),
                 view("From above", (0.0, 0.0, 6.5), (0, 1, 0)),
                 rrb.Tabs(
                     rrb.TextDocumentView(name="Report", origin="/run/report"),
@@ -77,9 +77,9 @@ def blueprint(scenario: Scenario) -> rrb.Blueprint:
                 plot("Speed, m/s", "/cars/speed_mps"),
                 rrb.Tabs(
                     plot("Steering, rad", "/cars/steer_rad"),
-                    plot("Gap between the neighbours, m", "/law/gap_m", "/reference/gap_m"),
-                    plot("Clearance of the bodies, m", "/law/clearance_m"),
-                    plot("Command along the road, m/s²", "/cars/u_mps2/x"),
+                    plot("Gap, m", "/law/gap_m", "/reference/gap_m"),
+                    plot("Clearance, m", "/law/clearance_m"),
+                    plot("Command along, m/s²", "/cars/u_mps2/x"),
                     plot("across", "/cars/u_mps2/y"),
                 ),
             ),

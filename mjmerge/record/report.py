@@ -37,9 +37,7 @@ def finished(header: Header, outcome: Outcome) -> str:
 
 def _title(header: Header) -> str:
     scenario = header.scenario
-    return (
-        f"### {scenario.name or 'Scenario'} on {header.plant}, seed {header.seed}\n\n{scenario.description}"
-    )
+    return f"### {scenario.name} on {header.plant}, seed {header.seed}\n\n{scenario.description}"
 
 
 def _origin(header: Header) -> str:

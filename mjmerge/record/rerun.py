@@ -28,6 +28,8 @@ APPLICATION = "mjmerge_run"
 TIME_ENTITY = "/law/time_s"
 """Simulated time exactly as simulated; the timeline holds the nearest nanosecond."""
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
+_PATIENCE_S = 30.0
+"""For writing to disk; without a limit, a write that failed would be waited for for ever."""
 _TRAIL_M = 0.006
 
 
@@ -72,7 +74,7 @@ class RerunRecorder:
     def _describe(self) -> None:
         """Provenance, and the names and colours of all lines."""
         h = self._header
-        name = f"{h.scenario.name or 'scenario'} · {h.plant} · seed {h.seed}"
+        name = f"{h.scenario.name} · {h.plant} · seed {h.seed}"
         self._stream.send_recording_name(name)
         about: dict[str, Any] = {
             "schema_version": SCHEMA_VERSION,
@@ -162,7 +164,7 @@ class RerunRecorder:
             placed = rr.Transform3D.columns(translation=posed.pos_m[:, f], quaternion=quat)
             self._stream.send_columns(layout.entity(frame.name), times, placed)
         self._trails(times, block.columns["front_m"])
-        self._stream.flush()
+        self._stream.flush(timeout_sec=_PATIENCE_S)
 
     def _scalars(self, entity: str, times: list[rr.TimeColumn], values: Array) -> None:
         """Sends (B, n) numbers as n lines."""
@@ -198,7 +200,7 @@ class RerunRecorder:
 
     def abort(self) -> None:
         """Completes the file with what it has."""
-        self._stream.flush()
+        self._stream.flush(timeout_sec=_PATIENCE_S)
         self._stream.disconnect()
 
     def _text(self, entity: str, text: str, media_type: rr.MediaType) -> None:

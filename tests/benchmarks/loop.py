@@ -1,7 +1,7 @@
-"""How much of the loop is the engine: ``python tests/benchmarks/loop.py``. Ratios within one process, no test.
+"""How much of the loop is the engine: ``python tests/benchmarks/loop.py``. Ratios in one process, no test.
 
 - one run: share of the loop's time spent outside ``mujoco.batch``; at most 0.50.
-- 256 runs on 2 threads: bare stepping of the same model from the same state, over the whole loop; at least 0.85.
+- 256 runs on 2 threads: bare stepping of the same model from the same state, over the loop; at least 0.85.
 """
 
 from __future__ import annotations

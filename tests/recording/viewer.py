@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -36,13 +38,12 @@ def headless_viewer() -> Iterator[ViewerClient]:
         probe.bind(("127.0.0.1", 0))
         port = str(probe.getsockname()[1])
     arguments = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", port]
-    process = subprocess.Popen(
-        [rerun_cli(), *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen([rerun_cli(), *arguments], start_new_session=True, **quiet)
     try:
         yield _connect(f"rerun+http://127.0.0.1:{port}/proxy")
     finally:
-        process.terminate()
+        os.killpg(process.pid, signal.SIGTERM)  # the program is a script that starts the viewer
         process.wait(_PATIENCE_S)
 
 

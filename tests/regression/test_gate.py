@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pandas as pd
 import pytest
-from tests.regression.gate import FLOORS_M, baseline, measure, measured, problems
 from pytest_regressions.dataframe_regression import DataFrameRegressionFixture
 
 import mjmerge.law.merge as merge
+from tests.regression.gate import FLOORS_M, baseline, measure, measured, problems
 
 CHARGE = ("charge", "double_integrator", "")
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mjmerge.actuation import BelievedCars, ackermann, actuate, believed_sheets, bicycle_angle
@@ -61,7 +61,9 @@ def test_what_is_clipped_is_what_was_wanted_less_what_is_given(state, u):
     controls, free = (actuate(state, u, believed, EPS_V, H) for believed in (LIMITED, UNLIMITED))
     torque = (free.torque_n_m - controls.torque_n_m).sum(axis=-1)
     assert controls.torque_clipped_n_m == pytest.approx(torque, rel=1e-12, abs=1e-12)
-    assert controls.steer_clipped_rad == pytest.approx(free.steer_rad - controls.steer_rad, rel=1e-12, abs=1e-14)
+    assert controls.steer_clipped_rad == pytest.approx(
+        free.steer_rad - controls.steer_rad, rel=1e-12, abs=1e-14
+    )
 
 
 @given(states, wishes)
@@ -84,7 +86,9 @@ def test_steering_goes_on_from_the_angle_last_commanded_so_a_lagging_servo_is_no
 
 
 @pytest.mark.parametrize("a", [1.0, -1.0, 0.25])
-@pytest.mark.parametrize(("drive", "driven"), [("all", [1, 1, 1, 1]), ("front", [1, 1, 0, 0]), ("rear", [0, 0, 1, 1])])
+@pytest.mark.parametrize(
+    ("drive", "driven"), [("all", [1, 1, 1, 1]), ("front", [1, 1, 0, 0]), ("rear", [0, 0, 1, 1])]
+)
 def test_the_driven_wheels_share_the_torque_of_the_effective_mass(a, drive, driven):
     sheet = SHEET.model_copy(update={"drive": drive})
     controls = actuate(cars(), wanting(a, 0.0), BelievedCars.of([sheet] * 3, limited=True), EPS_V, H)
@@ -101,10 +105,10 @@ def test_positive_lateral_acceleration_steers_left():
 sizes = {"wheelbase_m": st.floats(0.2, 4), "track_m": st.floats(0.1, 2)}
 
 
-@given(st.floats(-0.7, 0.7), **sizes)
+@given(delta=st.floats(-0.7, 0.7), **sizes)
 def test_both_front_wheels_roll_about_one_point_on_the_rear_axle_line(delta, wheelbase_m, track_m):
-    if abs(delta) < 1e-3 or track_m * np.tan(abs(delta)) > wheelbase_m:
-        return  # straight on, or the turn centre is under the car
+    assume(abs(delta) > 1e-3)
+    assume(track_m * np.tan(abs(delta)) < wheelbase_m)  # or the turn centre is under the car
     left, right = ackermann(np.float64(delta), wheelbase_m, track_m)
     centre_left = track_m / 2 + wheelbase_m / np.tan(left)
     centre_right = -track_m / 2 + wheelbase_m / np.tan(right)
@@ -112,10 +116,9 @@ def test_both_front_wheels_roll_about_one_point_on_the_rear_axle_line(delta, whe
     assert centre_left == pytest.approx(wheelbase_m / np.tan(delta), rel=1e-9)
 
 
-@given(st.floats(-0.7, 0.7), **sizes)
+@given(delta=st.floats(-0.7, 0.7), **sizes)
 def test_the_bicycle_angle_undoes_ackermann(delta, wheelbase_m, track_m):
-    if track_m * np.tan(abs(delta)) > 1.9 * wheelbase_m:
-        return  # the turn centre is under the inner wheel
+    assume(track_m * np.tan(abs(delta)) < 1.9 * wheelbase_m)  # or the turn centre is under the inner wheel
     back = bicycle_angle(ackermann(np.float64(delta), wheelbase_m, track_m), wheelbase_m, track_m)
     assert back == pytest.approx(delta, abs=1e-12)
 
@@ -130,7 +133,8 @@ def test_beliefs_change_what_is_believed_of_the_ego_and_of_nobody_else():
 
 def test_a_heavier_belief_asks_for_more_torque():
     light, heavy = (
-        BelievedCars.of(believed_sheets(load("paper", o)), limited=True) for o in ([], ["belief.mass_kg=7.48"])
+        BelievedCars.of(believed_sheets(load("paper", o)), limited=True)
+        for o in ([], ["belief.mass_kg=7.48"])
     )
     one, two = (actuate(cars(), wanting(1.0, 0.0), b, EPS_V, H).torque_n_m[0, :, 0] for b in (light, heavy))
     assert two[0] / one[0] == pytest.approx((7.48 + SHEET.rotating_mass_kg) / SHEET.effective_mass_kg)

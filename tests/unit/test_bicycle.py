@@ -84,7 +84,9 @@ def test_a_mirrored_car_is_steered_the_other_way(theta, v, delta, u):
 def test_the_heading_of_the_road_does_not_matter(turn, theta, v, delta, u):
     c, s = np.cos(turn), np.sin(turn)
     turned = np.array([c * u[0] - s * u[1], s * u[0] + c * u[1]])
-    assert asked(turned, theta + turn, v, delta) == pytest.approx(asked(u, theta, v, delta), rel=1e-8, abs=1e-8)
+    assert asked(turned, theta + turn, v, delta) == pytest.approx(
+        asked(u, theta, v, delta), rel=1e-8, abs=1e-8
+    )
 
 
 def test_a_constant_steering_angle_drives_a_circle_of_radius_l_over_tan_delta():

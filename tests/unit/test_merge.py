@@ -122,6 +122,8 @@ def test_rows_of_a_batch_are_what_each_is_alone():
 
 
 def test_cars_in_one_place_give_numbers():
-    one_place = Sensed(np.zeros((1, 2)), np.ones((1, 2)), np.zeros((1, 2, 2)), np.zeros((1, 2, 2)), np.zeros((1, 2)))
+    one_place = Sensed(
+        np.zeros((1, 2)), np.ones((1, 2)), np.zeros((1, 2, 2)), np.zeros((1, 2, 2)), np.zeros((1, 2))
+    )
     for value in vars(decide(LAW, one_place, np.array([0.1]))).values():
         assert np.isfinite(value).all()

@@ -1,0 +1,126 @@
+"""Numbers read off a trace, on traces small enough to check by hand."""
+
+import numpy as np
+import pytest
+
+from mjmerge.metrics import MERGED_M, events, merged_at_s, saturated
+from mjmerge.trace import Stop
+
+
+@pytest.fixture
+def across(make_trace):
+    """A trace in which the ego is a given distance across from Vehicle 1."""
+
+    def build(lateral_m, **given):
+        lateral_m = np.atleast_2d(lateral_m)
+        front = np.zeros((*lateral_m.shape, 3, 2))
+        front[:, :, 0, 1] = 3.0 + lateral_m
+        front[:, :, 1, 1] = 3.0
+        return make_trace(ticks=lateral_m.shape[1], runs=len(lateral_m), front_m=front, **given)
+
+    return build
+
+
+def test_merged_is_from_the_tick_after_which_the_ego_stays(across):
+    assert merged_at_s(across([1.0, 0.5, 0.05, -0.05, 0.0])) == pytest.approx([0.02])
+    assert merged_at_s(across([-1.0, -0.05, 0.0, 0.0, 0.0])) == pytest.approx([0.01])
+
+
+def test_leaving_the_lane_again_starts_the_merge_over(across):
+    assert merged_at_s(across([1.0, 0.0, 0.0, 0.2, 0.0])) == pytest.approx([0.04])
+    assert np.isnan(merged_at_s(across([1.0, 0.0, 0.0, 0.0, 0.2])))
+
+
+def test_the_bound_of_the_lane_is_not_in_it(across):
+    """Around zero, where subtracting lanes keeps the bound exact."""
+    trace = across([1.0, 0.0, 0.0])
+    trace.front_m[:] = 0
+    trace.front_m[0, :, 0, 1] = [1.0, MERGED_M, MERGED_M * (1 - 1e-9)]
+    assert merged_at_s(trace) == pytest.approx([0.02])
+
+
+def test_who_starts_in_the_lane_has_merged_at_once(across):
+    assert merged_at_s(across([0.0, 0.0])) == pytest.approx([0.0])
+
+
+def test_missing_data_never_count_as_merged(across):
+    assert np.isnan(merged_at_s(across([np.nan] * 5))).all()
+    assert np.isnan(merged_at_s(across([1.0, 0.0, 0.0, np.nan, np.nan]))).all()
+
+
+def test_simulations_merge_each_on_its_own(across):
+    found = merged_at_s(across([[1.0, 0.0, 0.0], [1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.nan]]))
+    assert found == pytest.approx([0.01, np.nan, 0.02, np.nan], nan_ok=True)
+
+
+def test_saturated_is_any_clipping_and_unknown_is_not(make_trace):
+    torque, steer = np.zeros((1, 4, 3)), np.zeros((1, 4, 3))
+    torque[0, 1, 0], steer[0, 2, 1] = -0.1, 0.01
+    torque[0, 3], steer[0, 3] = np.nan, np.nan
+    found = saturated(make_trace(ticks=4, torque_clipped_n_m=torque, steer_clipped_rad=steer))
+    assert np.argwhere(found).tolist() == [[0, 1, 0], [0, 2, 1]]
+
+
+def texts(trace, run=0):
+    return [(round(e.time_s, 2), e.level, e.car, e.text) for e in events(trace, run)]
+
+
+def test_a_trace_without_data_has_no_events(make_trace):
+    assert events(make_trace()) == []
+
+
+def test_intending_to_merge_and_giving_up_are_events(make_trace):
+    weight = np.where((np.arange(40) >= 10) & (np.arange(40) < 20), 0.9, 0.1)
+    found = texts(make_trace(weight=weight, opinion=0.02))
+    assert [e[:3] for e in found] == [(0.1, "info", "ego"), (0.2, "info", "ego")]
+    assert "intends to merge (z = 0.020)" in found[0][3]
+    assert "gives up" in found[1][3]
+
+
+def test_an_intention_cut_off_by_the_end_is_not_given_up(make_trace):
+    weight = np.where(np.arange(40) >= 10, 0.9, 0.1)
+    stopped = np.where(np.arange(40) >= 20, np.nan, weight)
+    for w in (weight, stopped):
+        assert len(events(make_trace(weight=w, opinion=0.02))) == 1
+
+
+def test_the_margin_and_contact_are_errors_that_name_the_car(make_trace):
+    d, clearance = np.ones((1, 40, 2)), np.ones((1, 40, 3))
+    d[0, 10:15, 1] = [-0.1, -0.2, -0.3, -0.2, -0.1]
+    clearance[0, 20:25, 2] = -0.01
+    margin, touch = texts(make_trace(distance_m=d, clearance_m=clearance))
+    assert margin[:3] == (0.1, "error", "ego")
+    assert "d_2 <= 0" in margin[3]
+    assert "vehicle_2" in margin[3]
+    assert "-0.300" in margin[3]
+    assert "0.05 s" in margin[3]
+    assert touch[:3] == (0.2, "error", "vehicle_1")
+    assert "touches vehicle_2" in touch[3]
+
+
+def test_saturation_with_short_breaks_is_one_event_and_with_a_long_one_two(make_trace):
+    torque = np.zeros((1, 100, 3))
+    torque[0, [10, 11, 20, 21], 0] = 0.5
+    trace = make_trace(ticks=100, torque_clipped_n_m=torque, steer_clipped_rad=0)
+    assert [e[:3] for e in texts(trace)] == [(0.1, "warning", "ego")]
+    torque[0, 90, 0] = 0.5
+    trace = make_trace(ticks=100, torque_clipped_n_m=torque, steer_clipped_rad=0)
+    assert [e[0] for e in texts(trace)] == [0.1, 0.9]
+
+
+def test_events_are_in_order_and_only_of_the_simulation_asked_for(make_trace):
+    d = np.ones((2, 40, 2))
+    d[0, 30, 0], d[1, 5, 1] = -0.1, -0.1
+    stops = [Stop(1, 0.2, "vehicle_1", "it is off its wheels")]
+    trace = make_trace(runs=2, distance_m=d, stops=stops)
+    assert [e[0] for e in texts(trace, 0)] == [0.3]
+    assert [e[:3] for e in texts(trace, 1)] == [(0.05, "error", "ego"), (0.2, "error", "vehicle_1")]
+    assert "it is off its wheels" in texts(trace, 1)[1][3]
+
+
+def test_least_distances_ignore_missing_ticks_but_do_not_invent_any(make_trace):
+    d = np.full((2, 40, 2), np.nan)
+    d[0, :10] = [0.5, 0.7]
+    d[0, 4, 0] = 0.2
+    least = make_trace(runs=2, distance_m=d).min_distance_m
+    assert least == pytest.approx(np.array([[0.2, 0.7], [np.nan, np.nan]]), nan_ok=True)

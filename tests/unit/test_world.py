@@ -1,0 +1,227 @@
+"""The composed world: what was asked for is what MuJoCo compiled."""
+
+import shutil
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjmerge import share
+from mjmerge.actuation import ackermann
+from mjmerge.errors import ModelError
+from mjmerge.loader import data_sheet, load
+from mjmerge.scenario import CARS
+from mjmerge.world import DRIVE, STEER, WHEELS, build
+
+
+@pytest.fixture(scope="module")
+def world():
+    return build(load("paper"))
+
+
+def test_options_reach_the_compiled_model():
+    model = build(load("paper", ["physics_step_s=0.002"])).model
+    assert model.opt.timestep == 0.002
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    assert model.opt.impratio == 10
+    assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
+@pytest.mark.parametrize("name", sorted(share.models()))
+def test_the_mjcf_of_every_car_is_what_its_data_sheet_says(name):
+    sheet = data_sheet(name)
+    model = build(load("paper", [f"models.{car}={name}" for car in CARS])).model
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for car in CARS:
+        front, rear = (data.site(f"{car}/{axle}_axle").xpos for axle in ("front", "rear"))
+        hull = model.geom(f"{car}/hull")
+        centre = data.geom(f"{car}/hull").xpos
+        tyres = {w: data.geom(f"{car}/tyre_{w}").xpos for w in WHEELS}
+        assert front[0] - rear[0] == pytest.approx(sheet.wheelbase_m, abs=1e-9)
+        for axle, at in (("front", front), ("rear", rear)):
+            left, right = tyres[f"{axle}_left"], tyres[f"{axle}_right"]
+            assert left[1] - right[1] == pytest.approx(sheet.track_m, abs=1e-9)
+            assert (left + right) / 2 == pytest.approx(at, abs=1e-9)
+        assert 2 * hull.size[0] == pytest.approx(sheet.length_m, abs=1e-9)
+        assert 2 * hull.size[1] == pytest.approx(sheet.width_m, abs=1e-9)
+        assert centre[0] + hull.size[0] - front[0] == pytest.approx(sheet.front_overhang_m, abs=1e-9)
+        assert model.body(f"{car}/chassis").subtreemass[0] == pytest.approx(sheet.mass_kg, rel=1e-9)
+        for wheel in WHEELS:
+            assert model.geom(f"{car}/tyre_{wheel}").size[0] == pytest.approx(sheet.wheel_radius_m, rel=1e-9)
+            assert model.actuator(f"{car}/drive_{wheel}").ctrlrange == pytest.approx(
+                [-sheet.torque_limit_n_m, sheet.torque_limit_n_m]
+            )
+        spinning = sum(model.dof_M0[model.joint(f"{car}/spin_{w}").dofadr[0]] for w in WHEELS)  # armature too
+        assert spinning / sheet.wheel_radius_m**2 == pytest.approx(sheet.rotating_mass_kg, rel=2e-3)
+        most = np.abs(ackermann(np.array(sheet.steer_limit_rad), sheet.wheelbase_m, sheet.track_m)).max()
+        for steer in STEER:
+            assert model.actuator(f"{car}/{steer}").ctrlrange[1] >= most
+
+
+def test_cars_stand_still_until_they_are_driven(world):
+    """The tyres sink 0.25 mm into their contacts; along and across the road nothing moves."""
+    scenario, model = load("paper"), world.model
+    data = mujoco.MjData(model)
+    front = np.array([[getattr(scenario.initial, car).front_m for car in CARS]])
+    data.qpos[:] = world.qpos(front, np.zeros((1, 3)), np.zeros((1, 3, 2)), np.zeros((1, 3)))[0]
+    mujoco.mj_step(model, data, 1500)
+    mujoco.mj_forward(model, data)
+    for c, car in enumerate(CARS):
+        assert data.site(f"{car}/front_axle").xpos[:2] == pytest.approx(front[0, c], abs=1e-6)
+        assert data.site(f"{car}/front_axle").xpos[2] == pytest.approx(
+            data_sheet("rc").wheel_radius_m, abs=5e-4
+        )
+    assert np.abs(data.qvel).max() < 1e-5
+
+
+def test_cars_are_placed_with_their_front_axles_exactly_where_asked(world):
+    rng = np.random.default_rng(1)
+    model, data = world.model, mujoco.MjData(world.model)
+    front, heading = rng.uniform(-50, 50, (20, 3, 2)), rng.uniform(-np.pi, np.pi, (20, 3))
+    steer, spin = rng.uniform(-0.4, 0.4, (20, 3, 2)), rng.uniform(-3, 3, (20, 3))
+    for i, qpos in enumerate(world.qpos(front, heading, steer, spin)):
+        data.qpos[:] = qpos
+        mujoco.mj_forward(model, data)
+        for c, car in enumerate(CARS):
+            forward = [np.cos(heading[i, c]), np.sin(heading[i, c]), 0]
+            assert data.sensor(f"{car}/front_position").data[:2] == pytest.approx(front[i, c], abs=1e-12)
+            assert data.sensor(f"{car}/forward_axis").data == pytest.approx(forward, abs=1e-12)
+            assert data.sensor(f"{car}/steer_left").data[0] == steer[i, c, 0]
+            assert data.sensor(f"{car}/steer_right").data[0] == steer[i, c, 1]
+            assert data.joint(f"{car}/spin_rear_left").qpos[0] == spin[i, c]
+
+
+def test_rolling_cars_neither_slip_nor_turn(world):
+    model, data = world.model, mujoco.MjData(world.model)
+    data.qvel[:] = world.qvel(np.array([[2.0, -1.0, 0.5]]))[0]
+    mujoco.mj_forward(model, data)
+    for car, speed in zip(CARS, (2.0, -1.0, 0.5), strict=True):
+        assert data.sensor(f"{car}/front_velocity").data == pytest.approx([speed, 0, 0], abs=1e-12)
+        for wheel in WHEELS:
+            rim = data.joint(f"{car}/spin_{wheel}").qvel[0] * model.geom(f"{car}/tyre_{wheel}").size[0]
+            assert rim == pytest.approx(speed)
+
+
+def test_friction_reaches_all_twelve_tyres_and_only_them():
+    model = build(load("paper", ["mismatch.friction=0.37"])).model
+    pairs = {model.pair(i).name: model.pair_friction[i] for i in range(model.npair)}
+    assert set(pairs) == {f"{car}_road_{wheel}" for car in CARS for wheel in WHEELS}
+    for friction in pairs.values():
+        assert friction[:2] == pytest.approx(0.37)
+
+
+def test_no_tyre_touches_anything_but_the_road(world):
+    model = world.model
+    for car in CARS:
+        for wheel in WHEELS:
+            tyre = model.geom(f"{car}/tyre_{wheel}")
+            assert tyre.contype[0] == tyre.conaffinity[0] == 0
+    assert model.geom("road").contype[0] == model.geom("road").conaffinity[0] == 0
+
+
+def test_a_command_delay_reaches_the_egos_actuators_and_nobody_elses():
+    model = build(load("paper", ["mismatch.command_delay_s=0.05"])).model
+    for car in CARS:
+        for name in DRIVE + STEER:
+            delay_s = model.actuator_delay[model.actuator(f"{car}/{name}").id]
+            assert delay_s == pytest.approx(0.05 if car == "ego" else 0.0)
+    assert not build(load("paper")).model.actuator_delay.any()
+
+
+def test_a_delayed_ego_does_nothing_until_the_delay_is_over_and_then_all_of_it():
+    world = build(load("paper", ["mismatch.command_delay_s=0.05"]))
+    model, data = world.model, mujoco.MjData(world.model)
+    for car in CARS[:2]:
+        for name in DRIVE:
+            data.actuator(f"{car}/{name}").ctrl[0] = 0.1
+    started = {}
+    for step in range(100):
+        mujoco.mj_step(model, data)
+        for car in CARS[:2]:
+            if abs(data.actuator(f"{car}/drive_rear_left").force[0] - 0.1) < 1e-12:
+                started.setdefault(car, step)
+    assert started["vehicle_1"] == 0
+    assert started["ego"] == pytest.approx(50, abs=1)
+
+
+@pytest.fixture
+def car(tmp_path):
+    """Makes a copy of the car with its MJCF changed, and a scenario with it as the ego."""
+
+    def make(*changes, count=None):
+        folder = tmp_path / "own"
+        shutil.copytree(share.models()["rc"], folder)
+        text = (folder / "rc.xml").read_text()
+        (folder / "rc.xml").unlink()
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        (folder / "own.xml").write_text(text)
+        return load("paper", [f"models.ego={folder}"])
+
+    return make
+
+
+def test_an_unchanged_copy_of_a_car_elsewhere_is_a_car(car):
+    assert build(car()).model.nq == build(load("paper")).model.nq
+
+
+def refused(scenario):
+    """What is said of a scenario's models."""
+    with pytest.raises(ModelError) as error:
+        build(scenario)
+    return str(error.value)
+
+
+def test_a_missing_joint_is_named_with_the_nearest_that_is_there(car):
+    said = refused(car(('"spin_front_left"', '"spin_front_lft"')))
+    assert "own.xml: no joint called 'spin_front_left'; did you mean 'spin_front_lft'?" in said
+
+
+def test_a_missing_sensor_is_named(car):
+    said = refused(car(('<framezaxis name="up_axis" objtype="body" objname="chassis"/>', "")))
+    assert "no sensor called 'up_axis'" in said
+
+
+def test_everything_that_is_missing_is_named_at_once(car):
+    said = refused(
+        car(
+            ('<site name="rear_axle"', '<site name="axle_behind"'),
+            ('site="rear_axle"', 'site="axle_behind"'),
+            ('"drive_rear_left"', '"drive_back_left"'),
+            ('geom name="hull"', 'geom name="box"'),
+        )
+    )
+    for missing in ("site called 'rear_axle'", "actuator called 'drive_rear_left'", "geom called 'hull'"):
+        assert missing in said
+
+
+def test_tyres_that_are_not_spheres_are_refused_with_the_reason(car):
+    said = refused(car(('type="sphere" size="0.055"', 'type="cylinder" size="0.055 0.0225"')))
+    assert "not a sphere" in said
+    assert "ego" in said
+
+
+def test_a_model_without_its_mjcf_is_refused_with_the_file(tmp_path):
+    folder = tmp_path / "own"
+    folder.mkdir()
+    shutil.copy(share.models()["rc"] / "datasheet.yaml", folder)
+    assert "own.xml" in refused(load("paper", [f"models.ego={folder}"]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("</mujoco>", ""),
+        ('<site name="front_axle"', '<site nam="front_axle"'),
+        ("<worldbody>", "<worldbdy>"),
+        ('mass="3.1"', 'mass="heavy"'),
+        ('joint="spin_rear_left"', 'joint="spin_behind"'),
+        ('mass="3.1"', 'mass="-3.1"'),
+    ],
+    ids=["cut off", "misspelt attribute", "misspelt element", "no number", "dangling name", "negative mass"],
+)
+def test_an_mjcf_that_is_none_is_an_error_of_the_model_and_not_a_traceback(car, change):
+    assert refused(car(change))
