@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mjmerge.record.base import Event, Factory, Header, Outcome, PosedBlock, Recorder, Recording
+from mjmerge.metrics import Event
+from mjmerge.record.base import Factory, Header, Outcome, PosedBlock, Recorder, Recording
 from mjmerge.record.manifest import git_revision, versions
 from mjmerge.record.scene import Scene
 

@@ -15,8 +15,9 @@ from foxglove import messages as fox
 from foxglove.channels import LogChannel, SceneUpdateChannel
 from foxglove.mcap import MCAPWriteOptions
 
+from mjmerge.metrics import Event
 from mjmerge.record import schema
-from mjmerge.record.base import Event, Header, Outcome, PosedBlock, nanoseconds
+from mjmerge.record.base import Header, Outcome, PosedBlock, nanoseconds
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
 from mjmerge.record.scene import Frame, Scene, Shape
 from mjmerge.record.wire import Layout

@@ -16,8 +16,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from mjmerge.metrics import Event
 from mjmerge.record import layout, report
-from mjmerge.record.base import Event, Header, Outcome, PosedBlock, nanoseconds
+from mjmerge.record.base import Header, Outcome, PosedBlock, nanoseconds
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision
 from mjmerge.record.scene import Scene, Shape
 from mjmerge.scenario import CARS
