@@ -10,9 +10,8 @@ from mjmerge.contract import Verdict, judge
 from mjmerge.errors import MjmergeError
 from mjmerge.loader import load
 from mjmerge.metrics import events
-from mjmerge.run import run
 from mjmerge.scenario import Scenario
 from mjmerge.simulate import simulate
 from mjmerge.trace import Trace
 
-__all__ = ["MjmergeError", "Scenario", "Trace", "Verdict", "events", "judge", "load", "run", "simulate"]
+__all__ = ["MjmergeError", "Scenario", "Trace", "Verdict", "events", "judge", "load", "simulate"]

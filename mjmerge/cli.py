@@ -109,12 +109,6 @@ def _run(args: Run) -> int:
     if folder is None and args.record:
         folder = Path("runs") / f"{scenario.name}-{args.plant}-{args.seed}"
 
-    console = Console(stderr=args.json, highlight=False)
-    if not args.json:
-        many = f", {args.runs} runs" if args.runs > 1 else ""
-        console.print(f"[bold]{scenario.name}[/] on {args.plant}, seed {args.seed}{many}")
-        for override in overrides:
-            console.print(f"  {override}", markup=False)
     with _progress(scenario.duration_s) as progress:
         done = run(
             scenario,
@@ -132,6 +126,11 @@ def _run(args: Run) -> int:
     if args.json:
         print(json.dumps(done.summary))
         return done.exit_code
+    console = Console(highlight=False)
+    many = f", {args.runs} runs" if args.runs > 1 else ""
+    console.print(f"[bold]{scenario.name}[/] on {args.plant}, seed {args.seed}{many}")
+    for override in overrides:
+        console.print(f"  {override}", markup=False)
     console.print(table(done.summary))
     if folder is not None:
         if done.replaced:

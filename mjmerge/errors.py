@@ -12,12 +12,16 @@ class MjmergeError(Exception):
     """Root of all errors that a user can cause or act on."""
 
 
+_ALIKE = 0.6  # difflib's own threshold
+
+
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """``did you mean 'k_o'?`` or the list of valid names, as the end of a message."""
+    """``did you mean 'k_o' or 'k_p'?`` or the list of valid names, as the end of a message."""
     names = sorted(valid)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
-    if close:
-        return f"did you mean {close[0]!r}?"
+    likeness = {other: difflib.SequenceMatcher(None, name, other).ratio() for other in names}
+    best = max(likeness.values(), default=0.0)
+    if best >= _ALIKE:
+        return "did you mean " + " or ".join(repr(n) for n in names if likeness[n] == best) + "?"
     return "valid names: " + ", ".join(names) if names else "there are none"
 
 
