@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -241,7 +240,6 @@ def _terminate(signum: int, frame: FrameType | None) -> None:
 
 def main(argv: list[str] | None = None) -> None:
     """Entry point of the ``mjmerge`` command."""
-    warnings.filterwarnings("ignore", module="glfw")  # mujoco's window library, which we do not use
     signal.signal(signal.SIGTERM, _terminate)
     args = tyro.cli(
         Annotated[Run, tyro.conf.subcommand("run")]

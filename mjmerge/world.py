@@ -7,13 +7,13 @@ and the recorders rely on.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from dm_control import mjcf
 
 from mjmerge import share
 from mjmerge.datasheet import DataSheet
@@ -21,6 +21,10 @@ from mjmerge.errors import ModelError, nearest
 from mjmerge.loader import data_sheet
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import PAIRS, Array
+
+with warnings.catch_warnings():  # dm_control looks for a window on import, and warns where there is none
+    warnings.filterwarnings("ignore", module="glfw")
+    from dm_control import mjcf
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """Order of every wheel axis."""
