@@ -191,12 +191,23 @@ def _list(args: List) -> int:
 
 
 def _view(args: View) -> int:
-    file = args.run / "run.rrd" if args.run.is_dir() else args.run
-    if not file.is_file():
-        runs = Path("runs")
-        there = [str(p.parent) for p in runs.glob("*/run.rrd")] if runs.is_dir() else []
-        raise UnknownNameError("recording", str(args.run), there)
-    return subprocess.run([sys.executable, "-m", "rerun", str(file)], check=False).returncode
+    places = (args.run, Path("runs") / args.run)
+    files = [p / "run.rrd" if p.is_dir() else p for p in places]
+    file = next((f for f in files if f.is_file() and f.suffix in (".rrd", ".mcap")), None)
+    if file is None:
+        raise UnknownNameError(
+            "recording", str(args.run), [str(p.parent) for p in Path("runs").glob("*/run.rrd")]
+        )
+    viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(file)]
+    code = subprocess.run(viewer, check=False).returncode
+    if code:
+        print(
+            "mjmerge: the Rerun viewer needs a display; without one, open the recording on another machine "
+            f"(`rerun {file.name}`, same Rerun version), or its run.mcap in Foxglove",
+            file=sys.stderr,
+        )
+        return 3
+    return 0
 
 
 def _export(args: Export) -> int:
