@@ -116,15 +116,20 @@ def _obeys(trace: Trace) -> Mask:
 def _sampled_finely(trace: Trace) -> Mask:
     """d_j > k_o h/2: the barrier's gain k_o/d_j is stable under a hold of h."""
     bound = trace.scenario.law.k_o * trace.scenario.control_step_s / 2
-    near: Mask = np.any(trace.distance_m < bound, axis=2)
-    return near & (bound > 0)
+    return _within(trace, bound)
 
 
 def _prompt(trace: Trace) -> Mask:
     """d_j > 2 k_o tau/pi: that gain is stable under the true command delay tau."""
     bound = 2 * trace.scenario.law.k_o * trace.scenario.mismatch.command_delay_s / pi
-    near: Mask = np.any(trace.distance_m < bound, axis=2)
-    return near & (bound > 0 and trace.plant == "mujoco")
+    return _within(trace, bound if trace.plant == "mujoco" else 0.0)
+
+
+def _within(trace: Trace, bound_m: float) -> Mask:
+    """0 < d_j < bound: inside the margin it is too late for an excuse."""
+    d = trace.distance_m
+    near: Mask = np.any((d > 0) & (d < bound_m), axis=2)
+    return near
 
 
 HYPOTHESES: dict[str, Callable[[Trace], Mask]] = {
@@ -159,6 +164,7 @@ def judge(trace: Trace) -> list[Verdict]:
     floor = trace.scenario.expect.min_distance_m.at_least
     above: Mask = np.all(trace.distance_m >= floor, axis=(1, 2))  # false for NaN: missing data is no pass
     stopped = {s.run for s in trace.stops}
+    missing: Mask = np.any(np.isnan(trace.distance_m), axis=(1, 2))
 
     verdicts = []
     for run in range(trace.runs):
@@ -169,7 +175,7 @@ def judge(trace: Trace) -> list[Verdict]:
         breaches.sort(key=lambda b: b.time_s)
         if unsafe_at is not None:
             verdict = BROKEN if breaches and breaches[0].time_s <= unsafe_at else REFUTED
-        elif run in stopped:
+        elif run in stopped or missing[run]:
             verdict = INCOMPLETE
         else:
             verdict = HELD if asked[run] else VACUOUS

@@ -30,6 +30,7 @@ WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """Order of every wheel axis."""
 STEERED = WHEELS[:2]
 DRIVE = tuple(f"drive_{w}" for w in WHEELS)
+BRAKE = tuple(f"brake_{w}" for w in WHEELS)
 STEER = tuple(f"steer_{w}" for w in STEERED)
 SENSORS = {
     "front_position": 3,
@@ -201,7 +202,7 @@ def _add_car(root: mjcf.RootElement, car: str, folder: Path, scenario: Scenario)
         )
     delay_s = scenario.mismatch.command_delay_s
     if car == "ego" and delay_s > 0:
-        for name in DRIVE + STEER:
+        for name in DRIVE + BRAKE + STEER:
             actuator = model.find("actuator", name)
             actuator.delay = delay_s
             actuator.nsample = ceil(delay_s / scenario.physics_step_s - 1e-9)
@@ -216,7 +217,7 @@ def _load_car(folder: Path) -> mjcf.RootElement:
     file = folder / f"{folder.name}.xml"
     try:
         model = mjcf.from_path(str(file))
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, AttributeError, SyntaxError) as error:  # lxml's is a SyntaxError
         raise ModelError(f"{file}: {error}") from error
     wanted = (
         [("body", "chassis"), ("geom", "hull"), ("material", "paint")]
@@ -224,7 +225,7 @@ def _load_car(folder: Path) -> mjcf.RootElement:
         + [("geom", f"tyre_{w}") for w in WHEELS]
         + [("joint", f"spin_{w}") for w in WHEELS]
         + [("joint", f"steer_{w}") for w in STEERED]
-        + [("actuator", name) for name in DRIVE + STEER]
+        + [("actuator", name) for name in DRIVE + BRAKE + STEER]
         + [("sensor", name) for name in SENSORS]
     )
     problems = []

@@ -8,11 +8,11 @@ from __future__ import annotations
 from importlib import import_module
 
 from mjmerge.errors import UnknownNameError
-from mjmerge.plant.base import Fault, Plant
+from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.scenario import Scenario
 from mjmerge.world import World
 
-__all__ = ["PLANTS", "Fault", "Plant", "make"]
+__all__ = ["PLANTS", "Fault", "Plant", "Smooth", "make"]
 
 PLANTS: dict[str, str] = {
     "double_integrator": "front axles are point masses: the paper's proof",

@@ -40,3 +40,16 @@ class Plant(Protocol):
 
     def qpos(self) -> Array:
         """Generalised positions of the composed world as the cars are now, (N, nq)."""
+
+
+class Smooth(Plant, Protocol):
+    """A plant that is also a differential equation, which continuous time integrates."""
+
+    def state(self) -> Array:
+        """Its state now, (N, C, K)."""
+
+    def put(self, state: Array) -> None:
+        """Another state in place of that, (N, C, K)."""
+
+    def rate(self, command: Array) -> Array:
+        """Derivative of the state under the command that the plant understands, (N, C, 2) -> (N, C, K)."""

@@ -7,7 +7,7 @@ import numpy as np
 from mjmerge.bicycle import derivative, front_velocity
 from mjmerge.loader import data_sheet
 from mjmerge.plant.base import Fault
-from mjmerge.plant.kinematic import no_clearance, not_finite, standing, start
+from mjmerge.plant.kinematic import no_clearance, runaway, standing, start
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Array, Cars, Controls, Mask
 from mjmerge.world import World
@@ -39,8 +39,7 @@ class Bicycle:
 
     def step(self, controls: Controls, running: Mask) -> None:
         """See :meth:`Plant.step`."""
-        a = np.where(running[:, None], controls.a_mps2, 0.0)
-        omega = np.where(running[:, None], controls.omega_radps, 0.0)
+        a, omega = controls.a_mps2, controls.omega_radps
         h, x = self._h, self._x
 
         def rate(state: Array) -> Array:
@@ -50,11 +49,23 @@ class Bicycle:
         k_2 = rate(x + h / 2 * k_1)
         k_3 = rate(x + h / 2 * k_2)
         k_4 = rate(x + h * k_3)
-        self._x = x + h / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4)
+        self._x = np.where(running[:, None, None], x + h / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4), x)
+
+    def state(self) -> Array:
+        """See :meth:`Smooth.state`."""
+        return self._x
+
+    def put(self, state: Array) -> None:
+        """See :meth:`Smooth.put`."""
+        self._x = state
+
+    def rate(self, command: Array) -> Array:
+        """See :meth:`Smooth.rate`; the command is (a, omega), m/s^2 and rad/s."""
+        return derivative(self._L, self._x, command[..., 0], command[..., 1])
 
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
-        return not_finite(self._x)
+        return runaway(self._x)
 
     def qpos(self) -> Array:
         """See :meth:`Plant.qpos`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mjmerge.plant.base import Fault
-from mjmerge.plant.kinematic import no_clearance, not_finite, standing, start
+from mjmerge.plant.kinematic import no_clearance, runaway, standing, start
 from mjmerge.scenario import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
 from mjmerge.world import World
@@ -36,13 +36,25 @@ class DoubleIntegrator:
 
     def step(self, controls: Controls, running: Mask) -> None:
         """See :meth:`Plant.step`."""
-        h, u = self._h, np.where(running[:, None, None], controls.u_mps2, 0.0)
-        self._p = self._p + h * self._v + (h * h / 2) * u
-        self._v = self._v + h * u
+        h, u, moves = self._h, controls.u_mps2, running[:, None, None]
+        self._p = np.where(moves, self._p + h * self._v + (h * h / 2) * u, self._p)
+        self._v = np.where(moves, self._v + h * u, self._v)
+
+    def state(self) -> Array:
+        """See :meth:`Smooth.state`: p and v."""
+        return np.concatenate([self._p, self._v], axis=-1)
+
+    def put(self, state: Array) -> None:
+        """See :meth:`Smooth.put`."""
+        self._p, self._v = state[..., :2], state[..., 2:]
+
+    def rate(self, command: Array) -> Array:
+        """See :meth:`Smooth.rate`; the command is u, m/s^2."""
+        return np.concatenate([self._v, command], axis=-1)
 
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
-        return not_finite(self._p + self._v)
+        return runaway(self.state())
 
     def qpos(self) -> Array:
         """See :meth:`Plant.qpos`."""

@@ -10,6 +10,8 @@ from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import PAIRS, Array, Cars, Mask
 from mjmerge.world import World
 
+_BEYOND = 1e9  # m, m/s, rad: the loop has diverged, and would overflow before it is infinite
+
 
 def start(scenario: Scenario, runs: int) -> tuple[Array, Array]:
     """Front-axle centres, m, (N, C, 2), and speeds along the road, m/s, (N, C), at t = 0."""
@@ -37,10 +39,12 @@ def no_clearance(runs: int) -> Array:
     return np.full((runs, len(PAIRS)), np.nan)
 
 
-def not_finite(state: Array) -> list[Fault]:
-    """Faults of simulations whose state, (N, C, K), is NaN or infinite."""
-    bad: Mask = ~np.all(np.isfinite(state), axis=2)
-    return [
-        Fault(int(run), int(np.argmax(bad[run])), "its state is not finite")
-        for run in np.flatnonzero(np.any(bad, axis=1))
-    ]
+def runaway(state: Array) -> list[Fault]:
+    """Faults of simulations whose state, (N, C, K), is NaN or beyond all bounds."""
+    bad: Mask = ~np.all(np.abs(state) < _BEYOND, axis=2)  # true for NaN
+    found = []
+    for run in np.flatnonzero(np.any(bad, axis=1)):
+        car = int(np.argmax(bad[run]))
+        finite = np.all(np.isfinite(state[run, car]))
+        found.append(Fault(int(run), car, "it ran away" if finite else "its state is not finite"))
+    return found

@@ -11,8 +11,10 @@ from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import start
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import PAIRS, Array, Cars, Controls, Mask
-from mjmerge.world import DRIVE, SENSORS, STEER, World
+from mjmerge.world import BRAKE, DRIVE, SENSORS, STEER, WHEELS, World
 
+_CRAWL_MPS = 0.02  # below this speed there is nothing to brake: torque against it starts the car backwards
+_LOCKED_RADPS = 1.0  # a brake's full torque is reached from this wheel speed on
 _TILTED = 0.5  # cosine of the tilt beyond which a car is off its wheels: 60 degrees
 
 
@@ -28,6 +30,7 @@ class MuJoCo:
         self._sensors = self._batch.bind("sensordata")
         self._ctrl = self._batch.bind("ctrl")
         self._qpos = self._batch.bind("qpos")
+        self._qvel = self._batch.bind("qvel")
         self._errors: dict[int, str] = {}
 
         def adr(name: str) -> int:
@@ -40,6 +43,8 @@ class MuJoCo:
         )
         self._steer_at = np.array([[model.actuator(f"{car}/{n}").id for n in STEER] for car in CARS])
         self._drive_at = np.array([[model.actuator(f"{car}/{n}").id for n in DRIVE] for car in CARS])
+        self._brake_at = np.array([[model.actuator(f"{car}/{n}").id for n in BRAKE] for car in CARS])
+        self._spin_at = np.array([[model.joint(f"{car}/spin_{w}").dofadr[0] for w in WHEELS] for car in CARS])
         # geometry of its own cars, to turn two wheel angles into one: what a steering sensor reports
         self._wheelbase_m = np.array([s.wheelbase_m for s in world.sheets])
         self._track_m = np.array([s.track_m for s in world.sheets])
@@ -48,7 +53,7 @@ class MuJoCo:
         front_m, speed_mps = start(scenario, runs)
         still = np.zeros_like(speed_mps)
         self._qpos[:] = world.qpos(front_m, still, np.stack([still, still], axis=-1), still)
-        self._batch.qvel = world.qvel(speed_mps)
+        self._qvel[:] = world.qvel(speed_mps)
         self._batch.forward()
         self._sense()
 
@@ -81,7 +86,7 @@ class MuJoCo:
     def step(self, controls: Controls, running: Mask) -> None:
         """See :meth:`Plant.step`."""
         self._ctrl[:, self._steer_at] = controls.wheel_steer_rad
-        self._ctrl[:, self._drive_at] = controls.torque_n_m
+        self._drive(controls.torque_n_m)
         self._steer_command = controls.steer_rad
         ids = None if running.all() else np.flatnonzero(running)
         try:
@@ -89,6 +94,18 @@ class MuJoCo:
         except SimulationError as error:
             self._errors = {int(i): self._batch.error(int(i)) for i in error.ids}
         self._sense()
+
+    def _drive(self, torque_n_m: Array) -> None:
+        """Torque along the car's motion goes to the motors; against it to the brakes, which only resist.
+
+        A brake is a damper whose coefficient gives that torque at the wheel's present speed, so that a wheel
+        that locks stays locked instead of spinning backwards.
+        """
+        speed = self._now["rear_velocity"][..., :1]
+        braking = (torque_n_m * speed < 0) & (np.abs(speed) > _CRAWL_MPS)
+        spin = np.maximum(np.abs(self._qvel[:, self._spin_at]), _LOCKED_RADPS)
+        self._ctrl[:, self._drive_at] = np.where(braking, 0.0, torque_n_m)
+        self._ctrl[:, self._brake_at] = np.where(braking, np.abs(torque_n_m) / spin, 0.0)
 
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""

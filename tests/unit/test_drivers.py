@@ -83,19 +83,14 @@ def test_every_kind_does_in_a_batch_what_it_does_alone(kind):
         assert driver.acceleration_mps2(3.0, o, lead, alone)[0] == u[i]
 
 
-def paper():
-    return load("paper").drivers.vehicle_2
-
-
-def charge():
-    return load("charge").drivers.vehicle_2
-
+PAPER = load("paper").drivers.vehicle_2
+CHARGE = load("charge").drivers.vehicle_2
 
 gaps = pytest.mark.parametrize(
     "gap",
     [
-        paper(),
-        charge(),
+        PAPER,
+        CHARGE,
         Gap(
             gap_m=2.0,
             sway=Sway(amplitude_m=0.3, period_s=5.0, phase_rad=1.0),
@@ -132,27 +127,27 @@ def test_a_gap_profile_and_its_rate_are_continuous_where_minds_change(gap):
         assert gap.profile(t)[:2] == pytest.approx(before[:2], abs=1e-6)
 
 
-@pytest.mark.parametrize("move", charge().moves)
+@pytest.mark.parametrize("move", CHARGE.moves)
 def test_a_quintic_move_does_not_jerk_the_acceleration(move):
     for t in (move.start_s, move.start_s + move.duration_s):
-        before, after = (charge().profile(t + k * 1e-9)[2] for k in (-1, 1))
+        before, after = (CHARGE.profile(t + k * 1e-9)[2] for k in (-1, 1))
         assert after == pytest.approx(before, abs=1e-6)
 
 
 def test_the_papers_gap_wavers_as_a_sine_and_then_opens_to_2_314():
     for t in (0.0, 2.9, 7.0, 13.37):
-        assert paper().profile(t)[0] == pytest.approx(1.868 + 0.275 * sin(2 * pi * t / 11.844 + 0.007))
+        assert PAPER.profile(t)[0] == pytest.approx(1.868 + 0.275 * sin(2 * pi * t / 11.844 + 0.007))
     s = 0.3
     t = 13.374 + s * 5.581
     wavering = 1.868 + 0.275 * sin(2 * pi * t / 11.844 + 0.007)
-    assert paper().profile(t)[0] == pytest.approx(wavering + (3 * s**2 - 2 * s**3) * (2.314 - wavering))
+    assert PAPER.profile(t)[0] == pytest.approx(wavering + (3 * s**2 - 2 * s**3) * (2.314 - wavering))
     for t in (18.956, 25.0, 35.0):
-        assert paper().profile(t) == pytest.approx((2.314, 0, 0), abs=1e-9)
+        assert PAPER.profile(t) == pytest.approx((2.314, 0, 0), abs=1e-9)
 
 
 def test_the_charge_closes_holds_and_opens_as_published():
     t = np.arange(0, 12, 2e-3)
-    gap, rate, acceleration = np.array([charge().profile(x) for x in t]).T
+    gap, rate, acceleration = np.array([CHARGE.profile(x) for x in t]).T
     for when, held in (
         (t < 3.939, 3.436),
         ((t > 5.12) & (t < 7.109), 3.436 - 1.791),
@@ -176,6 +171,7 @@ def test_a_follower_on_its_profile_stays_on_it_whatever_the_leader_does(gap):
         return np.concatenate([x[1:], gap.acceleration_mps2(t, own, leader(t), None)])
 
     g, g_dot, _ = gap.profile(0.0)
+    within = 2e-3 if any(m.step == "cubic" for m in gap.moves) else 1e-5  # a cubic's acceleration jumps
     x, h = np.array([leader(0).position_m[0] - g, leader(0).speed_mps[0] - g_dot]), 0.005
     for k in range(2000):
         t = k * h
@@ -185,7 +181,7 @@ def test_a_follower_on_its_profile_stays_on_it_whatever_the_leader_does(gap):
         k_4 = rate(t + h, x + h * k_3)
         x = x + h / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4)
         behind = leader(t + h).position_m[0] - x[0]
-        assert behind == pytest.approx(gap.profile(t + h)[0], abs=1e-4)
+        assert behind == pytest.approx(gap.profile(t + h)[0], abs=within)
 
 
 def test_a_follower_off_its_profile_returns_to_it():
