@@ -32,6 +32,8 @@ STEERED = WHEELS[:2]
 DRIVE = tuple(f"drive_{w}" for w in WHEELS)
 BRAKE = tuple(f"brake_{w}" for w in WHEELS)
 STEER = tuple(f"steer_{w}" for w in STEERED)
+SPIN_LIMIT = "spin_limit_radps"
+"""Custom number of every car: the wheel speed beyond which its motors give no torque."""
 SENSORS = {
     "front_position": 3,
     "front_velocity": 3,
@@ -220,7 +222,7 @@ def _load_car(folder: Path) -> mjcf.RootElement:
     except (OSError, ValueError, KeyError, AttributeError, SyntaxError) as error:  # lxml's is a SyntaxError
         raise ModelError(f"{file}: {error}") from error
     wanted = (
-        [("body", "chassis"), ("geom", "hull"), ("material", "paint")]
+        [("body", "chassis"), ("geom", "hull"), ("material", "paint"), ("numeric", SPIN_LIMIT)]
         + [("site", f"{axle}_axle") for axle in ("front", "rear")]
         + [("geom", f"tyre_{w}") for w in WHEELS]
         + [("joint", f"spin_{w}") for w in WHEELS]

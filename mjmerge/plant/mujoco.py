@@ -11,7 +11,7 @@ from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import start
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import PAIRS, Array, Cars, Controls, Mask
-from mjmerge.world import BRAKE, DRIVE, SENSORS, STEER, WHEELS, World
+from mjmerge.world import BRAKE, DRIVE, SENSORS, SPIN_LIMIT, STEER, WHEELS, World
 
 _CRAWL_MPS = 0.02  # below this speed there is nothing to brake: torque against it starts the car backwards
 _LOCKED_RADPS = 1.0  # a brake's full torque is reached from this wheel speed on
@@ -45,6 +45,8 @@ class MuJoCo:
         self._drive_at = np.array([[model.actuator(f"{car}/{n}").id for n in DRIVE] for car in CARS])
         self._brake_at = np.array([[model.actuator(f"{car}/{n}").id for n in BRAKE] for car in CARS])
         self._spin_at = np.array([[model.joint(f"{car}/spin_{w}").dofadr[0] for w in WHEELS] for car in CARS])
+        limits = [model.numeric(f"{car}/{SPIN_LIMIT}").data[0] for car in CARS]
+        self._spin_limit_radps = np.array(limits)[:, None]
         # geometry of its own cars, to turn two wheel angles into one: what a steering sensor reports
         self._wheelbase_m = np.array([s.wheelbase_m for s in world.sheets])
         self._track_m = np.array([s.track_m for s in world.sheets])
@@ -103,9 +105,11 @@ class MuJoCo:
         """
         speed = self._now["rear_velocity"][..., :1]
         braking = (torque_n_m * speed < 0) & (np.abs(speed) > _CRAWL_MPS)
-        spin = np.maximum(np.abs(self._qvel[:, self._spin_at]), _LOCKED_RADPS)
-        self._ctrl[:, self._drive_at] = np.where(braking, 0.0, torque_n_m)
-        self._ctrl[:, self._brake_at] = np.where(braking, np.abs(torque_n_m) / spin, 0.0)
+        spin = np.abs(self._qvel[:, self._spin_at])
+        driving = ~braking & (spin < self._spin_limit_radps)
+        self._ctrl[:, self._drive_at] = np.where(driving, torque_n_m, 0.0)
+        brake = np.abs(torque_n_m) / np.maximum(spin, _LOCKED_RADPS)
+        self._ctrl[:, self._brake_at] = np.where(braking, brake, 0.0)
 
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""

@@ -23,7 +23,7 @@ FLOORS_M = {
     ("charge", "bicycle", ""): 0.19,
     ("charge", "mujoco", ""): 0.19,
     ("charge", "mujoco", "mismatch.friction=0.8"): 0.17,
-    ("charge", "mujoco", "mismatch.friction=0.6"): 0.10,
+    ("charge", "mujoco", "mismatch.friction=0.7"): 0.12,
     ("charge", "mujoco", "mismatch.command_delay_s=0.05"): 0.19,
     ("charge", "mujoco", "mismatch.command_delay_s=0.1"): 0.19,
 }
