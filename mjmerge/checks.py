@@ -13,7 +13,7 @@ from math import dist
 from typing import Any
 
 from mjmerge.datasheet import DataSheet
-from mjmerge.errors import Problem, nearest
+from mjmerge.errors import Problem
 from mjmerge.scenario import CARS, Drivers, Initial, Law
 
 
@@ -42,13 +42,11 @@ def _steps(duration_s: float, control_step_s: float, physics_step_s: float) -> I
 
 
 def _variant(law: Law) -> Iterator[Problem]:
-    """The law's variant exists."""
-    from mjmerge.law import VARIANTS  # further down the flow than a scenario
+    """The law's variant exists, and its parts combine."""
+    from mjmerge.law.variants import complaints  # further down the flow than a scenario
 
-    if law.variant not in VARIANTS:
-        yield Problem(
-            f"no law variant called {law.variant!r}: {nearest(law.variant, VARIANTS)}", "law.variant"
-        )
+    for complaint in complaints(law.variant):
+        yield Problem(complaint, "law.variant")
 
 
 def _distances(initial: Initial, law: Law) -> Iterator[Problem]:

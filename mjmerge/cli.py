@@ -54,6 +54,14 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Reproduce:
+    """Redraw the paper's figures and check its published facts. Exit code 0: all reproduced; 1: not all."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for figures, tables and animation; by default reproduced, where an earlier one makes way."""
+
+
+@dataclass(frozen=True)
 class List:
     """List what there is: scenarios, models, laws, drivers and plants, with a line on each."""
 
@@ -139,22 +147,39 @@ def _run(args: Run) -> int:
     return done.exit_code
 
 
+def _reproduce(args: Reproduce) -> int:
+    from rich.console import Console
+
+    from mjmerge.report import facts_table
+    from mjmerge.reproduce import reproduce
+
+    folder = args.out or Path("reproduced")
+    with _progress(1.0, "reproducing") as progress:
+        done = reproduce(folder, replace=args.out is None, progress=progress)
+    console = Console(highlight=False)
+    console.print(facts_table(done.findings))
+    if done.replaced:
+        console.print(f"what was in {folder} was replaced")
+    console.print(f"figures, tables and animation:  [bold]{folder}[/]", soft_wrap=True)
+    return 0 if done.complete else 1
+
+
 @contextmanager
-def _progress(duration_s: float) -> Iterator[Callable[[float], None]]:
+def _progress(total: float, doing: str = "simulating") -> Iterator[Callable[[float], None]]:
     """A progress bar on standard error, once it is worth one."""
     from rich.console import Console
     from rich.progress import Progress
 
-    began = time.monotonic()
-    with Progress(console=Console(stderr=True), transient=True) as bars:
+    began, console = time.monotonic(), Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bars:
         task = None
 
-        def advance(time_s: float) -> None:
+        def advance(done: float) -> None:
             nonlocal task
             if task is None and time.monotonic() - began > _PATIENCE_S:
-                task = bars.add_task("simulating", total=duration_s)
+                task = bars.add_task(doing, total=total)
             if task is not None:
-                bars.update(task, completed=time_s)
+                bars.update(task, completed=done)
 
         yield advance
 
@@ -236,6 +261,7 @@ def _schema(args: Schema) -> int:
 
 _COMMANDS: dict[type, Callable[..., int]] = {
     Run: _run,
+    Reproduce: _reproduce,
     List: _list,
     View: _view,
     Export: _export,
@@ -254,6 +280,7 @@ def main(argv: list[str] | None = None) -> None:
     signal.signal(signal.SIGTERM, _terminate)
     args = tyro.cli(
         Annotated[Run, tyro.conf.subcommand("run")]
+        | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[View, tyro.conf.subcommand("view")]
         | Annotated[Export, tyro.conf.subcommand("export")]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mjmerge.contract import VERDICTS, Verdict
+from mjmerge.facts import FACTS, Finding
+from mjmerge.figures import overview, save
 from mjmerge.metrics import MERGED_M, merged_at_s, saturated
 from mjmerge.scenario import CARS
 from mjmerge.state import Array
@@ -19,7 +21,7 @@ from mjmerge.trace import NEIGHBOURS, Trace
 if TYPE_CHECKING:
     from rich.table import Table
 
-_COLOURS = {"ego": "#2a9d55", "vehicle_1": "#2c61bf", "vehicle_2": "#d97321"}
+_STYLES = {True: "green", False: "red", None: "dim"}  # of a fact that was reproduced, was not, says nothing
 
 
 def worst_run(trace: Trace) -> int:
@@ -126,34 +128,32 @@ def table(found: dict[str, Any]) -> Table:
     return grid
 
 
+def facts_table(findings: Mapping[str, Sequence[Finding]]) -> Table:
+    """Each published fact, and whether it was reproduced on each plant, for the terminal."""
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False, leading=1)
+    grid.add_column("published", style="bold", ratio=3)
+    for plant in findings:
+        grid.add_column(plant, ratio=4)
+    for fact, *found in zip(FACTS, *findings.values(), strict=True):
+        grid.add_row(fact.claim, *(f"[{_STYLES[f.holds]}]{f.word}[/]  {f.number}" for f in found))
+    return grid
+
+
+def facts_markdown(findings: Mapping[str, Sequence[Finding]]) -> str:
+    """The table of facts in Markdown."""
+    lines = [
+        "| published | " + " | ".join(findings) + " |",
+        "|---|" + "---|" * len(findings),
+        *(
+            f"| {fact.claim} | " + " | ".join(f"{f.word}: {f.number}" for f in found) + " |"
+            for fact, *found in zip(FACTS, *findings.values(), strict=True)
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def figure(trace: Trace, path: Path, run: int = 0) -> None:
     """Opinion, lateral position and distances over time, as the paper draws them."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    sheet = Figure(figsize=(8, 8.5), layout="constrained")
-    FigureCanvasAgg(sheet)
-    opinion, lateral, distance = sheet.subplots(3, 1, sharex=True)
-    t = trace.time_s
-    opinion.plot(t, trace.opinion[run], color="#7b3fa0", label="$z$")
-    opinion.plot(t, trace.mu[run], color="#999999", linewidth=0.8, label="$\\mu$")
-    opinion.set_ylabel("opinion")
-    for c, car in enumerate(CARS):
-        lateral.plot(t, trace.front_m[run, :, c, 1], color=_COLOURS[car], label=car.replace("_", " "))
-    lateral.set_ylabel("lateral position $\\eta^\\top p$ (m)")
-    for j, car in enumerate(NEIGHBOURS):
-        distance.plot(
-            t,
-            trace.distance_m[run, :, j],
-            color=_COLOURS[car],
-            label=f"$d_{j + 1}$ to {car.replace('_', ' ')}",
-        )
-    distance.axhline(0, color="#c00000", linewidth=1)
-    distance.set_ylabel("distance (m)")
-    distance.set_xlabel("time (s)")
-    for axes in (opinion, lateral, distance):
-        axes.legend(loc="upper right", frameon=False)
-        axes.grid(alpha=0.25)
-        axes.margins(x=0)
-    sheet.suptitle(f"{trace.scenario.name} on {trace.plant}, seed {trace.seeds[run]}")
-    sheet.savefig(path, dpi=110, metadata={"Software": None})
+    save(overview(trace, run), path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -148,8 +148,13 @@ def _repeatable(found: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in found.items() if k not in ("real_time_factor", "run_dir", "versions")}
 
 
-def prepare(folder: Path, replace: bool) -> bool:
-    """Makes an empty run folder; returns whether an earlier run made way.
+def prepare(folder: Path, replace: bool, files: Collection[str] = FILES) -> bool:
+    """Makes an empty folder; returns whether an earlier run's files made way.
+
+    Args:
+        folder: where it is to be.
+        replace: whether they may.
+        files: what they may be called.
 
     Raises:
         OutputError: it is no folder, cannot be written, or holds something that may not go.
@@ -157,12 +162,12 @@ def prepare(folder: Path, replace: bool) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         there = {p.name for p in folder.iterdir()}
-        ours = {name for f in FILES for name in (f, f"{f}.partial")}
+        ours = {name for f in files for name in (f, f"{f}.partial")}
         if there and not replace:
             raise OutputError(f"{folder} is not empty, and nothing is overwritten: choose another --out")
         if there - ours:
             raise OutputError(
-                f"{folder} holds files that are not a run's ({min(there - ours)}): choose an --out"
+                f"{folder} holds files that are not an earlier run's ({min(there - ours)}): choose an --out"
             )
         for name in there:
             (folder / name).unlink()

@@ -7,12 +7,15 @@ default we chose and why.
 
 from __future__ import annotations
 
+from math import inf, sqrt
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, PrivateAttr, ValidationInfo, field_validator
+from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from mjmerge import drivers as _drivers
+from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.frozen import Frozen
+from mjmerge.units import Unit, rescaled
 
 CARS = ("ego", "vehicle_1", "vehicle_2")
 """The cars of every scenario, in the order of every array's car axis."""
@@ -31,24 +34,24 @@ class Law(Frozen):
     """Gains and parameters of the paper's law, in the paper's letters; defaults are its Section 4."""
 
     variant: str = "literal"
-    """Which reading of the equations to run; ``mjmerge list laws`` shows them."""
-    k_p: NonNegative = 0.7
+    """Which reading of the equations to run, such as gated+one_sided; ``mjmerge list laws`` shows them."""
+    k_p: Annotated[NonNegative, Unit(0, -2)] = 0.7
     """Position gain, 1/s^2 (the paper's eq. for u^n writes k_d once; it is k_p)."""
-    k_v: NonNegative = 2.0
+    k_v: Annotated[NonNegative, Unit(0, -1)] = 2.0
     """Velocity gain, 1/s."""
-    k_o: NonNegative = 1.0
+    k_o: Annotated[NonNegative, Unit(1, -1)] = 1.0
     """Barrier gain, m/s; 0 switches the barrier off."""
     k_w: Positive = 40.0
     """Slope of the opinion's weight w = tanh(k_w z)."""
-    k_mu: Positive = 5.0
+    k_mu: Annotated[Positive, Unit(0, -1)] = 5.0
     """Decay rate of mu, 1/s."""
-    k: Positive = 20.0
+    k: Annotated[Positive, Unit(-1, 1)] = 20.0
     """Slope of the tanh in the mu-law, s/m."""
-    k_s: Positive = 1.0
+    k_s: Annotated[Positive, Unit(0, -1)] = 1.0
     """Gain of that tanh, 1/s; the paper writes it as a bare 1."""
-    eps: Positive = 0.05
+    eps: Annotated[Positive, Unit(0, 1)] = 0.05
     """Time scale of the opinion, s."""
-    eps_1: NonNegative = 0.5
+    eps_1: Annotated[NonNegative, Unit(0, -1)] = 0.5
     """Fastest divergent flow of the gap that still counts as staying open, 1/s."""
     r_m: Positive = 0.6
     """Safe margin r between front axles, m."""
@@ -58,6 +61,13 @@ class Law(Frozen):
     """Lateral offset r^eta of the target while w = 0, m: where the ego's own lane is."""
     eps_v_mps: Positive = 0.1
     """Speed below which the bicycle inverse uses sign(v_r) eps_v in place of v_r, m/s (sign(0) = +1)."""
+    d_cap_m: Positive = 0.05
+    """Distance below which the variants ``capped`` and ``guarded`` let the barrier grow no further, m.
+
+    At 0.05 its gain k_o/d stays below 20/s: stable under a hold of up to 0.1 s or a delay of up to 0.08 s.
+    """
+    z_floor: Positive = 1e-3
+    """Smallest opinion under the variant ``z_floor``, 1; at 1e-3 the target moves by 4 % of r_eta for it."""
 
 
 class CarStart(Frozen):
@@ -169,6 +179,31 @@ class Scenario(Frozen):
         copy = self.model_copy()
         copy._name = name
         return copy
+
+    def scaled(self, length: float) -> Scenario:
+        """The same scenario at another size, by similarity: lengths times s, times and speeds times sqrt(s).
+
+        Accelerations stay, so that gravity and friction keep their meaning; everything else follows from its
+        unit (k_o is a velocity, k_p is 1/s^2, ...). Motion and opinion of the points p_j, and so every run of
+        the double integrator, are the same at the other scale. Cars are not scaled: neither ``models``, nor
+        what ``belief`` says of them, nor how the neighbours keep their lane.
+
+        Args:
+            length: s, the factor of lengths.
+
+        Raises:
+            MjmergeError: it is no size.
+            ScenarioError: a key leaves its bounds.
+        """
+        if not 0 < length < inf:
+            raise MjmergeError(f"the scale must be a positive number, got {length}")
+        other = rescaled(self, length, sqrt(length)).model_copy(update={"belief": self.belief})
+        try:
+            type(self).model_validate(other.model_dump())
+        except ValidationError as invalid:
+            problems = [Problem(e["msg"], ".".join(map(str, e["loc"]))) for e in invalid.errors()]
+            raise ScenarioError(f"{self.name}, scaled by {length:g}", problems) from invalid
+        return other
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scenario) and self.model_dump() == other.model_dump()

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mjmerge.actuation import BelievedCars, actuate, believed_sheets
-from mjmerge.drivers import Along, Driver
-from mjmerge.drivers.lane import keep_lane
+from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Sensed, advance, decide
 from mjmerge.plant import make
 from mjmerge.scenario import CARS, Scenario
@@ -19,6 +18,7 @@ from mjmerge.world import World, build
 _PROGRESS_TICKS = 20
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what stopped may hold anything, unrecorded
 def simulate(
     scenario: Scenario,
     plant: str = "double_integrator",
@@ -29,6 +29,7 @@ def simulate(
     world: World | None = None,
     sink: Sink | None = None,
     progress: Callable[[float], None] | None = None,
+    continuous: bool = False,
 ) -> Trace:
     """Runs a scenario N times; run i has the seed ``seed + i`` and the same bits alone or among others.
 
@@ -41,6 +42,8 @@ def simulate(
         world: the scenario's world, where it is built already.
         sink: gets simulation 0 in blocks while it runs.
         progress: called now and then with the simulated time, s.
+        continuous: in continuous time, to the accuracy of ``mjmerge.continuous``: no command is held. For the
+            two ideal plants.
 
     Returns:
         The trace. A simulation that fails stops there, is named in ``trace.stops``, and is NaN from then on.
@@ -48,22 +51,25 @@ def simulate(
     Raises:
         UnknownNameError: there is no such plant.
         ModelError: a car model lacks what is needed of it.
+        MjmergeError: the plant has no continuous time.
     """
     if world is None and (plant == "mujoco" or sink is not None):
         world = build(scenario)
     law, h = scenario.law, scenario.control_step_s
     drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
     seeds = np.arange(seed, seed + runs)
-    drawn = [
-        driver.draw([np.random.default_rng([s, j]) for s in seeds.tolist()], scenario.duration_s)
-        for j, driver in enumerate(drivers)
-    ]
     moving = make(plant, scenario, world, runs, threads)
+    traffic = Traffic.of(drivers, seeds.tolist(), scenario.duration_s, moving.observe().front_m[:, 1:, 1])
     believed = BelievedCars.of(believed_sheets(scenario), limited=moving.limited)
-    lanes_m = moving.observe().front_m[:, 1:, 1]
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
     log = Log(scenario, plant, seeds, sink)
+    opinion = advance
+    if continuous:
+        from mjmerge.continuous import solve  # scipy takes its time to import
+
+        moving = flow = solve(scenario, plant, moving, traffic, believed, log.time_s, progress)
+        opinion, progress = flow.advance, None
 
     for k, t in enumerate(log.time_s.tolist()):
         # observe
@@ -76,8 +82,8 @@ def simulate(
         cars = moving.observe()
 
         # decide: the neighbours first, then the ego, which knows what the leader intends
-        u_j = _drive(drivers, drawn, cars, lanes_m, t)
-        decision = decide(law, _sense(cars, u_j), z)
+        u_j = traffic.intend(cars, t)
+        decision = decide(law, Sensed.of(cars, u_j), z)
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
@@ -89,39 +95,9 @@ def simulate(
             progress(t)
 
         # step
-        z, mu = advance(law, z, mu, decision.mu_input, h)
+        z, mu = opinion(law, z, mu, decision.mu_input, h)
         moving.step(controls, running)
     return log.finish()
-
-
-def _drive(
-    drivers: tuple[Driver, ...], drawn: list[Array | None], cars: Cars, lanes_m: Array, time_s: float
-) -> Array:
-    """What the neighbours intend: their drivers decide along the road, lane keeping across it.
-
-    Returns:
-        u_j, m/s^2, (N, 2, 2), neighbour before component.
-    """
-    p, v = cars.front_m[:, 1:], cars.velocity_mps[:, 1:]
-    u_j = np.zeros_like(p)
-    leader = None
-    for j, driver in enumerate(drivers):
-        own = Along(p[:, j, 0], v[:, j, 0], u_j[:, j, 0])  # a view: holds the acceleration once decided
-        u_j[:, j, 0] = driver.acceleration_mps2(time_s, own, leader or own, drawn[j])
-        leader = own
-    u_j[..., 1] = keep_lane(lanes_m, p[..., 1], v[..., 1])
-    return u_j
-
-
-def _sense(cars: Cars, u_j: Array) -> Sensed:
-    """All that reaches the law."""
-    return Sensed(
-        p=cars.front_m[:, 0],
-        v=cars.velocity_mps[:, 0],
-        p_j=cars.front_m[:, 1:],
-        v_j=cars.velocity_mps[:, 1:],
-        u_1=u_j[:, 0],
-    )
 
 
 def _row(cars: Cars, controls: Controls, decision: Decision, z: Array, mu: Array) -> dict[str, Array]:
@@ -132,7 +108,9 @@ def _row(cars: Cars, controls: Controls, decision: Decision, z: Array, mu: Array
         "weight": decision.w,
         "distance_m": decision.d,
         "distance_rate_mps": decision.d_dot,
+        "mu_input_per_s": decision.mu_input,
         "gap_m": decision.dbar,
+        "gap_rate_mps": decision.dbar_dot,
         "clearance_m": cars.clearance_m,
         "target_m": cars.front_m[:, 1] + decision.e_1_star,
         "u_n_mps2": decision.u_n,

@@ -71,6 +71,15 @@ def limit(a: Array, bound: Array | float) -> Array:
     return np.minimum(np.maximum(a, -bound), bound)
 
 
+LEAST = 1e-300
+"""Smallest size of what is divided by: no number above it feels it, and no quotient of a car's overflows."""
+
+
+def nonzero(a: Array) -> Array:
+    """``a``, moved away from zero by ``LEAST``."""
+    return a + np.copysign(LEAST, a)
+
+
 def dot(a: Array, b: Array) -> Array:
     """Inner product of 2-vectors over the last axis: the same bits for any batch size, unlike BLAS."""
     product: Array = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]

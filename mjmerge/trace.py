@@ -90,10 +90,12 @@ class Trace:
 
     opinion: Annotated[Array, Meaning("z", "opinion")]
     mu: Annotated[Array, Meaning("mu", "bifurcation parameter")]
+    mu_input_per_s: Annotated[Array, Meaning("mu input", "what drives mu, k_s tanh(...)")]
     weight: Annotated[Array, Meaning("w", "weight of the merge in the target, tanh(k_w z)")]
     distance_m: Annotated[Array, Meaning("d_j", "distance of the front axles less r", NEIGHBOURS)]
     distance_rate_mps: Annotated[Array, Meaning("d_j'", "rate of that distance", NEIGHBOURS)]
     gap_m: Annotated[Array, Meaning("dbar", "gap between the neighbours, |p_2 - p_1| - r")]
+    gap_rate_mps: Annotated[Array, Meaning("dbar'", "rate of that gap")]
     clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIR_NAMES)]
     target_m: Annotated[Array, Meaning("p_1 + e_1*", "where the nominal law wants the ego", XY)]
     u_n_mps2: Annotated[Array, Meaning("u_n", "nominal tracking command of the ego", XY)]

@@ -14,8 +14,9 @@ from typing import Annotated, Any, Union
 from pydantic import Field
 
 from mjmerge.drivers.base import Along, Driver
+from mjmerge.drivers.traffic import Traffic
 
-__all__ = ["Along", "Driver", "kinds", "union"]
+__all__ = ["Along", "Driver", "Traffic", "kinds", "union"]
 
 
 def kinds() -> Mapping[str, type[Driver]]:

@@ -49,6 +49,18 @@ class Driver(Frozen):
         del rngs, duration_s
         return None
 
+    def switches(self, drawn: Array | None) -> Array:
+        """When its acceleration may jump though the cars' motion does not, s, (K,): none by default.
+
+        Continuous time stops there and starts anew, so that no jump is integrated over; a jump that is not
+        named costs accuracy. From the named time on, the new intention holds.
+
+        Args:
+            drawn: one simulation's row of what :meth:`draw` returned.
+        """
+        del drawn
+        return np.zeros(0)
+
     @abstractmethod
     def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
         """Intended acceleration along the road, m/s^2, (N,).

@@ -40,6 +40,11 @@ class Flips(Driver):
         count = ceil(duration_s / self.hold_min_s) + 1
         return np.stack([np.cumsum(rng.uniform(self.hold_min_s, self.hold_max_s, count)) for rng in rngs])
 
+    def switches(self, drawn: Array | None) -> Array:
+        """See :meth:`Driver.switches`: the flips."""
+        assert drawn is not None, "draw() comes first"
+        return drawn
+
     def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
         """See :meth:`Driver.acceleration_mps2`."""
         assert drawn is not None, "draw() comes first"

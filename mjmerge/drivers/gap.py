@@ -7,6 +7,7 @@ from itertools import pairwise
 from math import cos, pi, sin
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from mjmerge.drivers.base import Along, Array, Driver
@@ -91,6 +92,11 @@ class Gap(Driver):
             rate = (1 - s) * rate + s1 / duration * to
             gap += s * to
         return gap, rate, acceleration
+
+    def switches(self, drawn: Array | None) -> Array:
+        """See :meth:`Driver.switches`: start and end of every move."""
+        del drawn
+        return np.array([t for move in self.moves for t in (move.start_s, move.start_s + move.duration_s)])
 
     def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
         """See :meth:`Driver.acceleration_mps2`."""

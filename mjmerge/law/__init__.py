@@ -7,10 +7,6 @@ from __future__ import annotations
 
 from mjmerge.law.merge import Decision, Sensed, decide
 from mjmerge.law.opinion import advance, bifurcation_input
+from mjmerge.law.variants import VARIANTS
 
 __all__ = ["VARIANTS", "Decision", "Sensed", "advance", "bifurcation_input", "decide"]
-
-VARIANTS: dict[str, str] = {
-    "literal": "the equations as printed, two-sided barrier, product of the three merge conditions",
-}
-"""Named readings of the law, with why each exists."""

@@ -7,23 +7,34 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjmerge.law.variants import reading
 from mjmerge.scenario import Law
-from mjmerge.state import Array
+from mjmerge.state import LEAST, Array, nonzero
 
 
 def barrier(law: Law, g: Array, d: Array, d_dot: Array) -> Array:
     """u_c, m/s^2, (N, 2).
 
-    It is two-sided (it also drags the ego after a car that leaves) and pulls inward once d < 0, as printed.
-    At d = 0 exactly the printed law divides by zero; the smallest positive number stands in for it.
+    As printed it is two-sided (it also drags the ego after a car that leaves) and pulls inward once d < 0.
+    On d = 0 itself the printed law divides by zero; here it is huge there, and points as for d > 0.
 
     Args:
-        law: gains.
+        law: gains and variant.
         g: unit vectors from the neighbours to the ego, (N, 2, 2), neighbour before component.
         d: distances d_j, m, (N, 2).
         d_dot: their rates, m/s, (N, 2).
     """
-    phi = d_dot / np.where(d == 0, np.finfo(float).tiny, d)
+    for part in reading(law.variant).approach:
+        d, d_dot = part(law, d, d_dot)
+    phi = d_dot / nonzero(d)
     pull = -law.k_o * phi
     u_c: Array = pull[:, :1] * g[:, 0] + pull[:, 1:] * g[:, 1]
     return u_c
+
+
+def singular(law: Law) -> bool:
+    """Whether the barrier grows without bound as d_j falls to zero, so that no motion goes on from there."""
+    d, d_dot = np.full((1, 2), LEAST), np.full((1, 2), -1.0)
+    for part in reading(law.variant).approach:
+        d, d_dot = part(law, d, d_dot)
+    return law.k_o > 0 and bool(np.any(d <= LEAST))

@@ -9,8 +9,9 @@ import numpy as np
 from mjmerge.law.barrier import barrier
 from mjmerge.law.opinion import bifurcation_input
 from mjmerge.law.tracking import target, track, weight
+from mjmerge.law.variants import reading
 from mjmerge.scenario import Law
-from mjmerge.state import Array, dot, norm
+from mjmerge.state import Array, Cars, dot, norm
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,12 @@ class Sensed:
     v_j: Array
     u_1: Array
 
+    @classmethod
+    def of(cls, cars: Cars, u_j: Array) -> Sensed:
+        """From the motion of all cars and what the neighbours intend, m/s^2, (N, 2, 2)."""
+        p, v = cars.front_m, cars.velocity_mps
+        return cls(p=p[:, 0], v=v[:, 0], p_j=p[:, 1:], v_j=v[:, 1:], u_1=u_j[:, 0])
+
 
 @dataclass(frozen=True)
 class Decision:
@@ -43,6 +50,7 @@ class Decision:
         d: distances d_j, m, (N, 2).
         d_dot: their rates, m/s, (N, 2).
         dbar: gap between the neighbours less r, m, (N,).
+        dbar_dot: its rate, m/s, (N,).
         w: weight of the merge, (N,).
         e_1_star: target as seen from Vehicle 1, m, (N, 2).
         mu_input: input of the mu-law, 1/s, (N,).
@@ -54,6 +62,7 @@ class Decision:
     d: Array
     d_dot: Array
     dbar: Array
+    dbar_dot: Array
     w: Array
     e_1_star: Array
     mu_input: Array
@@ -68,7 +77,7 @@ def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
     """The law, for N simulations at once.
 
     Args:
-        law: gains.
+        law: gains and variant.
         sensed: what the ego senses.
         z: opinion, (N,).
     """
@@ -86,7 +95,10 @@ def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
 
     w = weight(law, z)
     e_1_star = target(law, w)
-    u_n = track(law, e[:, 0], e_1_star, nu[:, 0], sensed.u_1)
+    u_1 = sensed.u_1
+    for part in reading(law.variant).leader:
+        u_1 = part(u_1)
+    u_n = track(law, e[:, 0], e_1_star, nu[:, 0], u_1)
     u_c = barrier(law, g, d, d_dot)
     return Decision(
         u=u_n + u_c,
@@ -95,6 +107,7 @@ def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
         d=d,
         d_dot=d_dot,
         dbar=dbar,
+        dbar_dot=dbar_dot,
         w=w,
         e_1_star=e_1_star,
         mu_input=bifurcation_input(law, g[..., 0], dbar, dbar_dot),  # rho.g_j is g_j's x

@@ -1,0 +1,66 @@
+"""Item 1 of the lemma on random worlds, and that the search would notice if it were wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjmerge import theorem
+
+DURATION_S = 6.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_random_world_contradicts_the_theorem(seed):
+    outcome = theorem.run(theorem.draw(seed, DURATION_S, 20), DURATION_S)
+    assert not outcome.violated.any()
+    assert not outcome.stuck.any()
+    assert outcome.challenged.sum() >= 5  # the barrier was really asked
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_draw_satisfies_the_hypotheses(seed):
+    worlds = theorem.draw(seed, DURATION_S, 10)
+    r, law = worlds.law.r_m, worlds.law
+    p = worlds.start[:, :2]
+    assert (np.hypot(*p.T) > r).all()
+    assert (np.hypot(p[:, 0] + worlds.gaps_m[:, 0], p[:, 1]) > r).all()
+    assert (worlds.start[:, 4] > 0).all()
+    assert r < -law.r_rho_m < worlds.gaps_m.min() - r + 0.05
+    for slot in range(worlds.gaps_m.shape[1] - 1):
+        times = np.linspace(0, 2.0, 81)
+        gap, rate = (np.array(values) for values in zip(*(worlds.gap(slot, t) for t in times), strict=True))
+        assert gap.min() > 2 * r
+        between = (rate[1:] + rate[:-1]) / 2  # the rate is piecewise linear, so this is exact but at the kinks
+        assert np.diff(gap, axis=0) / 0.025 == pytest.approx(between, abs=0.03)
+        assert (np.abs(np.diff(rate, axis=0)) / 0.025).max() <= 3.0 + 1e-9
+        assert gap[-1] == pytest.approx(worlds.gaps_m[:, slot + 1])
+
+
+def test_a_world_alone_does_what_it_does_among_others():
+    worlds = theorem.draw(2, DURATION_S, 5)
+    together = theorem.run(worlds, DURATION_S)
+    for i in range(5):
+        alone = theorem.run(worlds.one(i), DURATION_S)
+        assert alone.least_m[0] == pytest.approx(together.least_m[i], rel=1e-3)
+
+
+def test_without_the_barrier_the_search_finds_violations_and_shrinks_one_to_its_cause():
+    worlds = theorem.draw(0, DURATION_S, 10)
+    unguarded = replace(worlds, law=worlds.law.model_copy(update={"k_o": 0.0}))
+    bad = np.flatnonzero(theorem.run(unguarded, DURATION_S).violated)
+    assert bad.size
+    world, duration_s = theorem.shrink(unguarded.one(bad[0]), DURATION_S)
+    assert theorem.run(world, duration_s).violated.all()
+    paper = type(world.law)(r_rho_m=world.law.r_rho_m, r_eta_m=world.law.r_eta_m)
+    changed = {name for name, value in world.law if value != getattr(paper, name)}
+    assert "k_o" in changed
+    assert len(changed) <= 2  # six gains were drawn at random; at most one of them is needed
+
+
+def test_the_campaign_is_the_same_however_it_is_cut():
+    whole = [o.least_m for _, o in theorem.campaign(100, 7, 2.0)]
+    parts = [o.least_m for s in (7, 8) for _, o in theorem.campaign(50, s, 2.0)]
+    assert np.array_equal(np.concatenate(whole), np.concatenate(parts))
