@@ -33,7 +33,8 @@ def test_every_draw_satisfies_the_hypotheses(seed):
         times = np.linspace(0, 2.0, 81)
         gap, rate = (np.array(values) for values in zip(*(worlds.gap(slot, t) for t in times), strict=True))
         assert gap.min() > 2 * r
-        between = (rate[1:] + rate[:-1]) / 2  # the rate is piecewise linear, so this is exact but at the kinks
+        # The rate is piecewise linear, so the mean of its ends is exact but at the kinks.
+        between = (rate[1:] + rate[:-1]) / 2
         assert np.diff(gap, axis=0) / 0.025 == pytest.approx(between, abs=0.03)
         assert (np.abs(np.diff(rate, axis=0)) / 0.025).max() <= 3.0 + 1e-9
         assert gap[-1] == pytest.approx(worlds.gaps_m[:, slot + 1])
