@@ -47,6 +47,8 @@ class Run:
     """Run folder; by default runs/<scenario>-<plant>-<seed>, where an earlier run makes way."""
     threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
+    continuous: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Law and plant as one differential equation, solved to 1e-10; for the plants other than mujoco."""
     record: bool = True
     """Write run.rrd, run.mcap and the rest of the run folder."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
@@ -114,7 +116,8 @@ def _run(args: Run) -> int:
     scenario = load(args.scenario, overrides)
     folder = args.out
     if folder is None and args.record:
-        folder = Path("runs") / f"{scenario.name}-{args.plant}-{args.seed}"
+        plant = f"{args.plant}_continuous" if args.continuous else args.plant
+        folder = Path("runs") / f"{scenario.name}-{plant}-{args.seed}"
 
     with _progress(scenario.duration_s) as progress:
         done = run(
@@ -123,6 +126,7 @@ def _run(args: Run) -> int:
             runs=args.runs,
             seed=args.seed,
             threads=args.threads,
+            continuous=args.continuous,
             folder=folder,
             replace=args.out is None,
             record=args.record,
@@ -135,7 +139,8 @@ def _run(args: Run) -> int:
         return done.exit_code
     console = Console(highlight=False)
     many = f", {args.runs} runs" if args.runs > 1 else ""
-    console.print(f"[bold]{scenario.name}[/] on {args.plant}, seed {args.seed}{many}")
+    time_ = ", continuous time" if args.continuous else ""
+    console.print(f"[bold]{scenario.name}[/] on {args.plant}{time_}, seed {args.seed}{many}")
     for override in overrides:
         console.print(f"  {override}", markup=False)
     console.print(table(done.summary))

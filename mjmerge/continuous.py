@@ -121,6 +121,7 @@ class Solution:
         mu: bifurcation parameter, (T,).
         ticks: how many ticks it reached.
         end: why no more, in words; ``None`` if all.
+        touched: whether that is d_j reaching 0.
     """
 
     motion: Array
@@ -128,6 +129,7 @@ class Solution:
     mu: Array
     ticks: int
     end: str | None
+    touched: bool
 
 
 def integrate(
@@ -144,14 +146,15 @@ def integrate(
     """
     start = equation.start()
     samples = np.full((len(time_s), len(start)), np.nan)
-    ticks, end, watched, d = 0, None, singular(law), equation.distance_m(start)
+    ticks, end, touched, d = 0, None, False, equation.distance_m(start)
     inside = switches_s[(switches_s > 0) & (switches_s < time_s[-1])]
     try:
         for solver in _steps(equation, start, [0.0, *inside.tolist(), float(time_s[-1])]):
             d_before, d, upto = d, equation.distance_m(solver.y), solver.t
-            touched = (d_before > _TOUCHED_M) & (d <= _TOUCHED_M)
-            if watched and touched.any():
-                upto, j = _touch(equation, solver, touched)
+            crossed = (d_before > _TOUCHED_M) & (d <= _TOUCHED_M)
+            if singular(law) and crossed.any():
+                touched = True
+                upto, j = _touch(equation, solver, crossed)
                 where = f"d_{j + 1} reaches 0 (to {_TOUCHED_M:g} m) at {upto:.6g} s"
                 end = f"{where}, where the barrier is singular"
             now = int(np.searchsorted(time_s, upto, side="right"))
@@ -163,7 +166,9 @@ def integrate(
                 break
     except _StuckError as stuck:
         end = f"{stuck}, with d_1 = {d[0]:.3g} m and d_2 = {d[1]:.3g} m"
-    return Solution(equation.motion(time_s, samples), equation.z(samples), samples[:, -1], ticks, end)
+    return Solution(
+        equation.motion(time_s, samples), equation.z(samples), samples[:, -1], ticks, end, touched
+    )
 
 
 class _StuckError(Exception):
@@ -246,7 +251,7 @@ class Flow:
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
         return [
-            Fault(run, 0, solution.end)
+            Fault(run, 0, solution.end, solution.touched)
             for run, solution in enumerate(self._solutions)
             if solution.end is not None and solution.ticks <= self._tick
         ]
@@ -254,6 +259,12 @@ class Flow:
     def qpos(self) -> Array:
         """See :meth:`Plant.qpos`."""
         return self._plant.qpos()
+
+
+def check(plant: str) -> None:
+    """Raises MjmergeError unless the plant is a differential equation."""
+    if plant not in _COMMANDS:
+        raise MjmergeError(f"{plant} has no continuous time; {' and '.join(_COMMANDS)} have")
 
 
 def solve(
@@ -279,8 +290,7 @@ def solve(
     Raises:
         MjmergeError: the plant is no differential equation.
     """
-    if plant not in _COMMANDS:
-        raise MjmergeError(f"{plant} has no continuous time; {' and '.join(_COMMANDS)} have")
+    check(plant)
     solutions: list[Solution] = []
     runs = len(traffic.lanes_m)
 

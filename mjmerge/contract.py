@@ -8,7 +8,8 @@ The theorem says: if its hypotheses hold, d_1 and d_2 stay positive. So a run is
 - ``refuted``: unsafe with every hypothesis true: the theorem, or our code, is wrong;
 - ``incomplete``: the simulation ended early without having become unsafe. Never a pass.
 
-Unsafe means d_j <= 0 or bodies that touch the ego's. The safety floor of the scenario is a separate, stricter
+Unsafe means d_j <= 0 or bodies that touch the ego's; in continuous time also a run that had to end as d_j
+reached 0. The safety floor of the scenario is a separate, stricter
 question: it decides the exit code.
 """
 
@@ -20,7 +21,8 @@ from math import pi
 
 import numpy as np
 
-from mjmerge.metrics import saturated
+from mjmerge.actuation import believed_sheets
+from mjmerge.metrics import Event, saturated
 from mjmerge.state import Array, Mask, norm
 from mjmerge.trace import Trace
 
@@ -30,6 +32,8 @@ VERDICTS = (HELD, VACUOUS, INCOMPLETE, BROKEN, REFUTED)
 
 OBEYS_WINDOW_S, OBEYS_MPS = 0.1, 0.1
 """The ego moves as commanded if over this window its velocity changes as told to within this much."""
+BOUNDED_MPS, BOUNDED_MPS2 = 100.0, 50.0
+"""A neighbour that is faster, or accelerates by more, is no road car: its motion is not bounded."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,13 @@ class Verdict:
     breaches: tuple[Breach, ...]
     floor_held: bool
 
+    def events(self) -> list[Event]:
+        """The breaches as events of the run."""
+        return [
+            Event(b.time_s, "warning", "ego", f"hypothesis '{b.hypothesis}' no longer holds")
+            for b in self.breaches
+        ]
+
     @property
     def reason(self) -> str:
         """The verdict's grounds in words."""
@@ -78,22 +89,72 @@ class Verdict:
         }[self.verdict]
 
 
+def _safe_start(trace: Trace) -> Mask:
+    """d_j(0) > 0."""
+    return _at_start(trace, np.any(trace.distance_m[:, 0] <= 0, axis=1))
+
+
+def _bounded_start(trace: Trace) -> Mask:
+    """d_j'(0)/d_j(0) is finite."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = trace.distance_rate_mps[:, 0] / trace.distance_m[:, 0]
+    return _at_start(trace, np.any(np.isinf(rate), axis=1))
+
+
+def _opinion_awake(trace: Trace) -> Mask:
+    """z(0) > 0."""
+    return _at_start(trace, trace.opinion[:, 0] <= 0)
+
+
+def _at_start(trace: Trace, broken: Mask) -> Mask:
+    """A mask (N,) as ticks, (N, T): what is broken at t = 0 is broken there only."""
+    ticks = np.zeros(trace.distance_m.shape[:2], dtype=bool)
+    ticks[:, 0] = broken
+    return ticks
+
+
 def _barrier_on(trace: Trace) -> Mask:
     """k_o > 0."""
     return np.full(trace.distance_m.shape[:2], trace.scenario.law.k_o <= 0)
 
 
+def _neighbours_bounded(trace: Trace) -> Mask:
+    """Assumption 1: v_j and its rate are bounded (and with them p_j, in any finite time), until bodies touch.
+
+    That is about how the neighbours move, not about what their drivers ask of cars that cannot give it.
+    """
+    v, window = trace.velocity_mps[:, :, 1:], _window(trace, OBEYS_WINDOW_S)
+    broken = norm(v) > BOUNDED_MPS
+    broken[:, window:] |= norm(v[:, window:] - v[:, :-window]) > BOUNDED_MPS2 * OBEYS_WINDOW_S
+    touched: Mask = np.logical_or.accumulate(np.any(trace.clearance_m <= 0, axis=2), axis=1)
+    before: Mask = np.any(broken, axis=2) & ~touched
+    return before
+
+
 def _neighbours_apart(trace: Trace) -> Mask:
-    """Assumption 1: once the ego is in their lane between them, the neighbours leave it 2r."""
+    """Assumption 1: once the ego is in their lane between them, the neighbours leave it 2r.
+
+    In continuous time the margins meet, and the run ends, between two ticks: the gap counts as it will be at
+    the next one.
+    """
     p, r = trace.front_m, trace.scenario.law.r_m
+    ahead_s = trace.scenario.control_step_s if trace.continuous else 0.0
+    gap = trace.gap_m + np.minimum(trace.gap_rate_mps * ahead_s, 0) if ahead_s else trace.gap_m
     between = (p[:, :, 0, 0] < p[:, :, 1, 0]) & (p[:, :, 0, 0] > p[:, :, 2, 0])
     in_lane = np.abs(p[:, :, 0, 1] - p[:, :, 1, 1]) < r
-    return between & in_lane & (trace.gap_m + r <= 2 * r)
+    return between & in_lane & (gap + r <= 2 * r)
 
 
 def _rolling(trace: Trace) -> Mask:
     """|v_r| >= eps_v: where the bicycle inverse is exact."""
     return np.abs(trace.speed_mps[:, :, 0]) < trace.scenario.law.eps_v_mps
+
+
+def _steers_within(trace: Trace) -> Mask:
+    """|delta| < its limit; that of the bicycle equations is pi/2, a double integrator does not steer."""
+    limit = believed_sheets(trace.scenario)[0].steer_limit_rad if trace.plant == "mujoco" else pi / 2
+    beyond: Mask = np.abs(trace.steer_rad[:, :, 0]) >= limit
+    return beyond
 
 
 def _unsaturated(trace: Trace) -> Mask:
@@ -102,9 +163,14 @@ def _unsaturated(trace: Trace) -> Mask:
 
 
 def _obeys(trace: Trace) -> Mask:
-    """The front axle is a double integrator: its velocity changes as commanded."""
+    """The front axle is a double integrator: its velocity changes as commanded.
+
+    In continuous time it is, by the equations; the bicycle is one while it rolls, which has its own monitor.
+    """
+    if trace.continuous:
+        return np.zeros(trace.distance_m.shape[:2], dtype=bool)
     h = trace.scenario.control_step_s
-    window = max(1, round(OBEYS_WINDOW_S / h))
+    window = _window(trace, OBEYS_WINDOW_S)
     v, u = trace.velocity_mps[:, :, 0], trace.u_mps2[:, :, 0]
     told = np.cumsum(u * h, axis=1) - u * h  # integral of u up to each tick
     defect = norm((v[:, window:] - v[:, :-window]) - (told[:, window:] - told[:, :-window]))
@@ -113,10 +179,15 @@ def _obeys(trace: Trace) -> Mask:
     return broken
 
 
+def _window(trace: Trace, seconds: float) -> int:
+    """Ticks in a stretch of time, at least one."""
+    return max(1, round(seconds / trace.scenario.control_step_s))
+
+
 def _sampled_finely(trace: Trace) -> Mask:
     """d_j > k_o h/2: the barrier's gain k_o/d_j is stable under a hold of h."""
     bound = trace.scenario.law.k_o * trace.scenario.control_step_s / 2
-    return _within(trace, bound)
+    return _within(trace, 0.0 if trace.continuous else bound)
 
 
 def _prompt(trace: Trace) -> Mask:
@@ -133,15 +204,23 @@ def _within(trace: Trace, bound_m: float) -> Mask:
 
 
 HYPOTHESES: dict[str, Callable[[Trace], Mask]] = {
+    "safe start": _safe_start,
+    "bounded start": _bounded_start,
+    "opinion starts positive": _opinion_awake,
     "barrier is on": _barrier_on,
+    "neighbours bounded": _neighbours_bounded,
     "neighbours leave 2r": _neighbours_apart,
     "ego rolls": _rolling,
+    "steering within limit": _steers_within,
     "command within limits": _unsaturated,
     "ego moves as commanded": _obeys,
     "hold small against d": _sampled_finely,
     "delay small against d": _prompt,
 }
-"""Name of each hypothesis and the monitor that marks the ticks where it is broken, (N, T)."""
+"""Name of each hypothesis and the monitor that marks the ticks where it is broken, (N, T).
+
+Missing data breaks nothing: a breach is an excuse, and there is none for what nobody saw.
+"""
 
 
 def challenged(trace: Trace) -> Mask:
@@ -163,12 +242,14 @@ def judge(trace: Trace) -> list[Verdict]:
     asked = challenged(trace)
     floor = trace.scenario.expect.min_distance_m.at_least
     above: Mask = np.all(trace.distance_m >= floor, axis=(1, 2))  # false for NaN: missing data is no pass
-    stopped = {s.run for s in trace.stops}
+    stopped = {s.run: s for s in trace.stops}
     missing: Mask = np.any(np.isnan(trace.distance_m), axis=(1, 2))
 
     verdicts = []
     for run in range(trace.runs):
         unsafe_at = _first(unsafe[run], trace.time_s)
+        if unsafe_at is None and run in stopped and stopped[run].touched:
+            unsafe_at = stopped[run].time_s
         breaches = [
             Breach(name, at) for name, m in broken.items() if (at := _first(m[run], trace.time_s)) is not None
         ]

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.contract import VERDICTS, Verdict
+from mjmerge.contract import HYPOTHESES, VERDICTS, Verdict
+from mjmerge.decision import decision
 from mjmerge.facts import FACTS, Finding
 from mjmerge.figures import overview, save
 from mjmerge.metrics import MERGED_M, merged_at_s, saturated
@@ -33,7 +34,8 @@ def worst_run(trace: Trace) -> int:
 def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[str, Any]:
     """What ``--json`` prints and ``summary.json`` holds, but for the run folder and the versions.
 
-    Distances are the smallest over all simulations; times, merge and clearance are those of the worst one.
+    Distances are the smallest over all simulations; times, merge, hypotheses (when each first broke) and the
+    decision are those of the worst one.
     """
     run = worst_run(trace)
     distance_m = trace.distance_m[run]
@@ -43,6 +45,7 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
     return {
         "scenario": trace.scenario.name,
         "plant": trace.plant,
+        "continuous": trace.continuous,
         "seed": int(trace.seeds[0]),
         "runs": trace.runs,
         "verdict": worst.verdict,
@@ -66,7 +69,8 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
             for c, car in enumerate(CARS)
         },
         "peak_u_c_mps2": _number(np.nanmax(np.hypot(*trace.u_c_mps2[run].T))),
-        "breaches": [{"hypothesis": b.hypothesis, "time_s": b.time_s} for b in verdicts[run].breaches],
+        "hypotheses": dict.fromkeys(HYPOTHESES) | {b.hypothesis: b.time_s for b in verdicts[run].breaches},
+        "decision": decision(trace)[run].as_dict(),
         "stops": [
             {"seed": int(trace.seeds[s.run]), "time_s": s.time_s, "car": s.car, "reason": s.reason}
             for s in trace.stops
@@ -112,6 +116,8 @@ def table(found: dict[str, Any]) -> Table:
     )
     busy = [f"{car} {seconds(s)}" for car, s in found["saturated_s"].items() if s]
     grid.add_row("saturated", ", ".join(busy) or "never")
+    grid.add_row("hypotheses", _broken(found["hypotheses"]))
+    grid.add_row("decision", _hesitation(found["decision"]))
     grid.add_row("verdict", f"{found['verdict']}: {found['verdict_reason']}")
     if found["runs"] > 1:
         grid.add_row("verdicts", ", ".join(f"{n} {v}" for v, n in found["verdicts"].items()))
@@ -126,6 +132,27 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("safety floor", f"[{'green' if good else 'red'}]{floor}[/]")
     grid.add_row("real time", f"x {found['real_time_factor']:.1f}")
     return grid
+
+
+def _broken(hypotheses: Mapping[str, float | None]) -> str:
+    """Which hypotheses broke, and when; the first three of them."""
+    broke = sorted((at, name) for name, at in hypotheses.items() if at is not None)
+    if not broke:
+        return f"all {len(hypotheses)} held"
+    more = f" and {len(broke) - 3} more" if len(broke) > 3 else ""
+    return ", ".join(f"'{name}' broken at {at:.2f} s" for at, name in broke[:3]) + more
+
+
+def _hesitation(found: Mapping[str, float | bool | None]) -> str:
+    """The decision metrics in a line."""
+    words = {
+        "wrong_sign_s": "driven the wrong way for",
+        "refusal_memory_s": "slow to trust again by",
+        "abort_s": "slow to abort by",
+        "straddling_s": "between the lanes for",
+    }
+    said = [f"{word} {found[key]:.2f} s" for key, word in words.items() if found[key]]
+    return ", ".join(said + ["z underflowed"] * bool(found["underflow"])) or "nothing to report"
 
 
 def facts_table(findings: Mapping[str, Sequence[Finding]]) -> Table:

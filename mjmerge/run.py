@@ -14,6 +14,7 @@ from mjmerge.contract import Verdict, judge
 from mjmerge.errors import OutputError
 from mjmerge.loader import dump
 from mjmerge.metrics import events
+from mjmerge.phases import phases
 from mjmerge.record import FORMATS, Header, Outcome, Recording, versions
 from mjmerge.report import figure, summary, worst_run
 from mjmerge.scenario import Scenario
@@ -58,6 +59,7 @@ def run(
     runs: int = 1,
     seed: int = 0,
     threads: int = 0,
+    continuous: bool = False,
     folder: Path | None = None,
     replace: bool = False,
     record: bool = True,
@@ -71,6 +73,7 @@ def run(
         runs: number of simulations.
         seed: seed of the first.
         threads: threads for the physics, 0 for all cores.
+        continuous: whether in continuous time, see :func:`simulate`.
         folder: where everything goes; ``None`` writes nothing.
         replace: whether an earlier run in that folder may make way.
         record: whether to write recordings.
@@ -78,7 +81,12 @@ def run(
 
     Raises:
         OutputError: the folder cannot be written, or holds something that would be overwritten.
+        MjmergeError: the plant has no continuous time.
     """
+    if continuous:
+        from mjmerge.continuous import check  # scipy takes its time to import
+
+        check(plant)
     replaced = prepare(folder, replace) if folder is not None else False
     world = build(scenario) if plant == "mujoco" or (folder is not None and record) else None
     recording = None
@@ -87,7 +95,7 @@ def run(
         if plant == "mujoco" and world is not None:
             (folder / "world.xml").write_text(world.xml, encoding="utf-8")
         if record and runs == 1:
-            recording = _recording(folder, scenario, plant, seed, world)
+            recording = _recording(folder, scenario, plant, seed, world, continuous)
 
     began = time.perf_counter()
     with recording or nullcontext():
@@ -100,13 +108,14 @@ def run(
             world=world,
             sink=recording,
             progress=progress,
+            continuous=continuous,
         )
         verdicts = judge(trace)
         found = summary(trace, verdicts, time.perf_counter() - began)
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
         if recording is not None:
-            recording.close(Outcome(events(trace), found["verdict"], _repeatable(found)))
+            recording.close(_outcome(trace, verdicts[0], found))
     failures = recording.failures if recording is not None else []
 
     if folder is not None:
@@ -118,7 +127,9 @@ def run(
     return Run(trace, verdicts, found, failures, replaced)
 
 
-def _recording(folder: Path, scenario: Scenario, plant: str, seed: int, world: World | None) -> Recording:
+def _recording(
+    folder: Path, scenario: Scenario, plant: str, seed: int, world: World | None, continuous: bool
+) -> Recording:
     assert world is not None, "a recording shows the world"
     header = Header(
         scenario=scenario,
@@ -129,6 +140,7 @@ def _recording(folder: Path, scenario: Scenario, plant: str, seed: int, world: W
         world_xml=world.xml,
         versions=versions(),
         control_step_s=scenario.control_step_s,
+        continuous=continuous,
     )
     return Recording(folder, header, FORMATS)
 
@@ -136,16 +148,20 @@ def _recording(folder: Path, scenario: Scenario, plant: str, seed: int, world: W
 def _record_again(folder: Path, trace: Trace, run: int, world: World | None) -> list[str]:
     """Records one simulation of many by running it again alone: the same seed gives the same bits."""
     scenario, seed = trace.scenario, int(trace.seeds[run])
-    with _recording(folder, scenario, trace.plant, seed, world) as recording:
-        alone = simulate(scenario, trace.plant, seed=seed, world=world, sink=recording)
-        found = _repeatable(summary(alone, judge(alone), 1.0))
-        recording.close(Outcome(events(alone), found["verdict"], found))
+    with _recording(folder, scenario, trace.plant, seed, world, trace.continuous) as recording:
+        alone = simulate(
+            scenario, trace.plant, seed=seed, world=world, sink=recording, continuous=trace.continuous
+        )
+        (verdict,) = judge(alone)
+        recording.close(_outcome(alone, verdict, summary(alone, [verdict], 1.0)))
     return recording.failures
 
 
-def _repeatable(found: dict[str, Any]) -> dict[str, Any]:
-    """The summary without what differs between two equal runs: recordings of equal runs are equal."""
-    return {k: v for k, v in found.items() if k not in ("real_time_factor", "run_dir", "versions")}
+def _outcome(trace: Trace, verdict: Verdict, found: dict[str, Any]) -> Outcome:
+    """What a recording of one simulation ends with; nothing that differs between two equal runs."""
+    happened = sorted([*events(trace), *verdict.events()], key=lambda e: e.time_s)
+    repeatable = {k: v for k, v in found.items() if k not in ("real_time_factor", "run_dir", "versions")}
+    return Outcome(happened, verdict.verdict, repeatable, phases(trace))
 
 
 def prepare(folder: Path, replace: bool, files: Collection[str] = FILES) -> bool:

@@ -63,7 +63,7 @@ def simulate(
     believed = BelievedCars.of(believed_sheets(scenario), limited=moving.limited)
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
-    log = Log(scenario, plant, seeds, sink)
+    log = Log(scenario, plant, seeds, sink, continuous=continuous)
     opinion = advance
     if continuous:
         from mjmerge.continuous import solve  # scipy takes its time to import
@@ -76,7 +76,7 @@ def simulate(
         for fault in moving.faults():
             if running[fault.run]:
                 running[fault.run] = False
-                log.stop(Stop(fault.run, t, CARS[fault.car], fault.reason))
+                log.stop(Stop(fault.run, t, CARS[fault.car], fault.reason, fault.touched))
         if not running.any():
             break
         cars = moving.observe()

@@ -64,12 +64,14 @@ class Stop:
         time_s: when.
         car: which car.
         reason: what happened, in words.
+        touched: whether it ended because d_j reached 0.
     """
 
     run: int
     time_s: float
     car: str
     reason: str
+    touched: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,8 @@ class Trace:
     """Seed of each simulation, (N,): run i alone, with this seed, gives the same bits."""
     stops: tuple[Stop, ...]
     """Simulations that ended early."""
+    continuous: bool
+    """Whether law and plant were one differential equation; otherwise the command is held over a tick."""
     time_s: Array
     """Simulated time, s, (T,)."""
 
@@ -171,8 +175,17 @@ class Sink(Protocol):
 class Log:
     """The trace while it is being written; hands simulation 0 to a sink, block by block."""
 
-    def __init__(self, scenario: Scenario, plant: str, seeds: NDArray[np.int64], sink: Sink | None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: str,
+        seeds: NDArray[np.int64],
+        sink: Sink | None = None,
+        *,
+        continuous: bool = False,
+    ) -> None:
         self._scenario, self._plant, self._seeds, self._sink = scenario, plant, seeds, sink
+        self._continuous = continuous
         self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
         self.columns = {c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan) for c in COLUMNS}
         self._stops: list[Stop] = []
@@ -228,6 +241,7 @@ class Log:
             plant=self._plant,
             seeds=self._seeds,
             stops=tuple(self._stops),
+            continuous=self._continuous,
             time_s=self.time_s,
             **self.columns,
         )

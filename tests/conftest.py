@@ -19,7 +19,7 @@ def make_trace() -> Callable:
     from mjmerge.loader import load
     from mjmerge.trace import COLUMNS, Trace
 
-    def build(ticks=40, runs=1, overrides=(), plant="mujoco", stops=(), **given):
+    def build(ticks=40, runs=1, overrides=(), plant="mujoco", stops=(), continuous=False, **given):
         scenario = load("paper", ["control_step_s=0.01", *overrides])
         columns = {c.name: np.full((runs, ticks, *c.shape), np.nan) for c in COLUMNS}
         for name, value in given.items():
@@ -29,6 +29,7 @@ def make_trace() -> Callable:
             plant=plant,
             seeds=np.arange(runs),
             stops=tuple(stops),
+            continuous=continuous,
             time_s=np.arange(ticks) * 0.01,
             **columns,
         )

@@ -16,11 +16,13 @@ class Fault:
         run: which simulation.
         car: index of the car.
         reason: what happened, in words.
+        touched: whether it is that d_j reached 0.
     """
 
     run: int
     car: int
     reason: str
+    touched: bool = False
 
 
 class Plant(Protocol):

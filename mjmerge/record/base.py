@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.metrics import Event
+from mjmerge.phases import Phase
 from mjmerge.record.scene import Scene
 from mjmerge.scenario import Scenario
 from mjmerge.trace import Array, Block
@@ -38,6 +39,7 @@ class Header:
         world_xml: the MJCF it was compiled from.
         versions: package name to version.
         control_step_s: simulated time between ticks, s.
+        continuous: whether law and plant were one differential equation.
     """
 
     scenario: Scenario
@@ -48,6 +50,7 @@ class Header:
     world_xml: str
     versions: Mapping[str, str]
     control_step_s: float
+    continuous: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,11 +61,13 @@ class Outcome:
         events: in order of time.
         verdict: the contract's word for it.
         summary: what ``summary.json`` holds.
+        phases: every change of state, subject by subject.
     """
 
     events: Sequence[Event]
     verdict: str
     summary: Mapping[str, Any]
+    phases: Sequence[Phase] = ()
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mjmerge.contract import HYPOTHESES
+from mjmerge.phases import NAMES
 from mjmerge.scenario import CARS, Scenario
 
 LINE_COLORS = [[230, 230, 230], [140, 190, 255], [255, 190, 120], [170, 230, 150]]
@@ -17,6 +19,8 @@ COLORS = {
 }
 """Of columns that share a plot."""
 _TRAIL_S = 4.0
+_DECISION_COLORS = [[110, 110, 120], [90, 130, 220], [80, 190, 120]]
+_STATE_COLORS = [[60, 110, 75], [235, 140, 50], [220, 50, 50]]
 
 
 def entity(frame: str) -> str:
@@ -26,6 +30,17 @@ def entity(frame: str) -> str:
     """
     group, _, rest = frame.partition("/")
     return rr.new_entity_path(["world", group, rest or "base"])
+
+
+def phase_entity(subject: str) -> str:
+    """Entity of what changes its state: ``/hypotheses/...`` for those, ``/phases/...`` otherwise."""
+    return f"/{'hypotheses' if subject in HYPOTHESES else 'phases'}/{subject.replace(' ', '_')}"
+
+
+def state_colors(subject: str) -> list[list[int]]:
+    """Of the states of a subject, from the calmest on."""
+    colors = _DECISION_COLORS if subject == "decision" else _STATE_COLORS
+    return colors[: len(NAMES[subject])]
 
 
 def blueprint(scenario: Scenario) -> rrb.Blueprint:
@@ -66,6 +81,8 @@ def blueprint(scenario: Scenario) -> rrb.Blueprint:
                 rrb.Tabs(
                     rrb.TextDocumentView(name="Report", origin="/run/report"),
                     rrb.TextLogView(name="Events", origin="/events"),
+                    rrb.StateTimelineView(name="Phases", origin="/phases"),
+                    rrb.StateTimelineView(name="Contract", origin="/hypotheses"),
                     rrb.TextDocumentView(name="Scenario", origin="/run/scenario"),
                 ),
                 row_shares=[5, 3, 3],

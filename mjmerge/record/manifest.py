@@ -63,6 +63,7 @@ def manifest(header: Header) -> dict[str, Any]:
         "plant": header.plant,
         "seed": header.seed,
         "control_step_s": header.control_step_s,
+        "continuous": header.continuous,
         "versions": dict(header.versions),
         "conventions": CONVENTIONS,
         "columns": columns,

@@ -1,7 +1,8 @@
 """``run.mcap``: the archive. Foxglove's messages for what it can draw, ours for what we measured.
 
-Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/tf``, ``/scene`` (once, at t = 0) and ``/log``. All
-times are simulated, so that equal runs give equal bytes. A block is one chunk and is on disk once written.
+Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/tf``, ``/scene`` (once, at t = 0), ``/log``, and
+``/phases`` (Log: ``name`` is in the state ``message`` from here on). All times are simulated, so that equal
+runs give equal bytes. A block is one chunk and is on disk once written.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from foxglove import messages as fox
 from foxglove.channels import LogChannel, SceneUpdateChannel
 from foxglove.mcap import MCAPWriteOptions
 
-from mjmerge.metrics import Event
 from mjmerge.record import schema
 from mjmerge.record.base import Header, Outcome, PosedBlock, nanoseconds
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
@@ -47,6 +47,7 @@ class McapRecorder:
             described = foxglove.Schema(name=name, encoding="protobuf", data=descriptors)
             self._channels[topic] = self._channel(topic, described)
         self._log = LogChannel("/log", context=self._context)
+        self._phases = LogChannel("/phases", context=self._context)
 
         about = manifest(header)
         self._attach("scenario.yaml", "application/yaml", header.scenario_yaml)
@@ -72,9 +73,13 @@ class McapRecorder:
         self._writer.flush()
 
     def close(self, outcome: Outcome) -> None:
-        """Adds the events, the verdict and the summary, and completes the file."""
+        """Adds the events, the phases, the verdict and the summary, and completes the file."""
         for event in outcome.events:
-            self._log.log(_log_message(event), log_time=int(nanoseconds(event.time_s)))
+            log = _log_message(event.time_s, _LEVELS[event.level], event.car, event.text)
+            self._log.log(log, log_time=int(nanoseconds(event.time_s)))
+        for phase in sorted(outcome.phases, key=lambda p: p.time_s):
+            log = _log_message(phase.time_s, fox.LogLevel.Info, phase.subject, phase.state)
+            self._phases.log(log, log_time=int(nanoseconds(phase.time_s)))
         self._writer.write_metadata("outcome", {"verdict": outcome.verdict})
         self._attach("summary.json", "application/json", json.dumps(outcome.summary, indent=2))
         self._writer.close()
@@ -101,13 +106,9 @@ def _transforms_layout(scene: Scene) -> Layout:
     return out
 
 
-def _log_message(event: Event) -> fox.Log:
-    return fox.Log(
-        timestamp=_timestamp(int(nanoseconds(event.time_s))),
-        level=_LEVELS[event.level],
-        message=event.text,
-        name=event.car,
-    )
+def _log_message(time_s: float, level: fox.LogLevel, name: str, message: str) -> fox.Log:
+    at = _timestamp(int(nanoseconds(time_s)))
+    return fox.Log(timestamp=at, level=level, message=message, name=name)
 
 
 def _timestamp(time_ns: int) -> fox.Timestamp:

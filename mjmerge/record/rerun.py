@@ -1,13 +1,14 @@
 """``run.rrd``: the view. Opens in the Rerun viewer with the layout of ``layout.py``.
 
 Entities: ``/law/...`` and ``/cars/...`` hold every column bit for bit as scalars, ``/world/...`` what is
-drawn, ``/events`` the log, ``/run/...`` where it comes from and how it ended. Times: ``sim_time``, ``step``.
+drawn, ``/events`` the log, ``/phases/...`` and ``/hypotheses/...`` states as they change, ``/run/...`` where
+it comes from and how it ended. Times: ``sim_time``, ``step``.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from mjmerge import phases
 from mjmerge.metrics import Event
+from mjmerge.phases import Phase
 from mjmerge.record import layout, report
 from mjmerge.record.base import Header, Outcome, PosedBlock, nanoseconds
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision
@@ -82,6 +85,7 @@ class RerunRecorder:
             "scenario": h.scenario.name,
             "plant": h.plant,
             "seed": h.seed,
+            "continuous": h.continuous,
             "versions": json.dumps(dict(h.versions)),
             "git_revision": git_revision() or "unknown",
             "conventions": json.dumps(CONVENTIONS),
@@ -185,7 +189,7 @@ class RerunRecorder:
             self._stream.send_columns(f"/world/trails/{car}", times, rr.LineStrips3D.columns(strips=bits))
 
     def close(self, outcome: Outcome) -> None:
-        """Adds the events, the verdict and the summary, and completes the file."""
+        """Adds the events, the phases, the verdict and the summary, and completes the file."""
         events = outcome.events or [Event(0.0, "info", "", "nothing to report")]  # the view wants an entity
         at = nanoseconds([e.time_s for e in events])
         ticks = np.rint(at / (self._header.control_step_s * 1e9)).astype(np.int64)
@@ -194,10 +198,26 @@ class RerunRecorder:
             level=[_LEVELS[e.level] for e in events],
         )
         self._stream.send_columns("/events", _times(at, ticks), rows)
+        self._states(outcome.phases)
         about = rr.AnyValues(verdict=outcome.verdict, summary=json.dumps(outcome.summary))
         self._stream.send_property("outcome", about)
         self._text("/run/report", report.finished(self._header, outcome), rr.MediaType.MARKDOWN)
         self.abort()
+
+    def _states(self, found: Sequence[Phase]) -> None:
+        """Sends each subject's changes of state, and how the states are called and coloured."""
+        for subject, names in phases.NAMES.items():
+            entity = layout.phase_entity(subject)
+            style = rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject))
+            self._stream.log(entity, style, static=True)
+            mine = [p for p in found if p.subject == subject]
+            if mine:
+                at = nanoseconds([p.time_s for p in mine])
+                ticks = np.rint(at / (self._header.control_step_s * 1e9)).astype(np.int64)
+                rows = rr.StateChange.columns(
+                    state=["" if p.state == phases.ENDED else p.state for p in mine]
+                )
+                self._stream.send_columns(entity, _times(at, ticks), rows)
 
     def abort(self) -> None:
         """Completes the file with what it has."""

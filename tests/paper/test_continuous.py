@@ -131,7 +131,9 @@ def test_where_two_margins_meet_the_run_stops_and_says_where():
     there = trace.time_s < stop.time_s
     assert (trace.distance_m[0, there] > 0).all()
     assert np.isnan(trace.distance_m[0, ~there]).all()
-    assert judge(trace)[0].verdict == "incomplete"
+    (verdict,) = judge(trace)
+    assert (verdict.verdict, verdict.unsafe_at_s) == ("assumption broken", stop.time_s)
+    assert verdict.breaches[0].hypothesis == "neighbours leave 2r"
 
 
 def test_a_run_that_stops_leaves_the_others_alone(monkeypatch):

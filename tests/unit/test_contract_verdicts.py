@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mjmerge.contract import BROKEN, HELD, HYPOTHESES, INCOMPLETE, REFUTED, VACUOUS, challenged, judge
+from mjmerge.loader import data_sheet
 from mjmerge.trace import Stop
 
 T = 60
@@ -23,12 +24,16 @@ def calm(make_trace):
         velocity[..., 0] = 2.0
         still = {
             "distance_m": 0.9,
+            "distance_rate_mps": 0.0,
+            "gap_rate_mps": 0.0,
+            "opinion": 0.1,
             "clearance_m": 0.5,
             "gap_m": 2.4,
             "front_m": front,
             "velocity_mps": velocity,
             "speed_mps": 2.0,
             "u_mps2": 0.0,
+            "steer_rad": 0.0,
             "torque_clipped_n_m": 0.0,
             "steer_clipped_rad": 0.0,
         }
@@ -69,6 +74,84 @@ def test_every_monitor_marks_ticks_of_simulations(calm):
 
 def test_switching_the_barrier_off_breaks_exactly_that(calm):
     assert broken(calm(overrides=["law.k_o=0"])) == {"barrier is on"}
+
+
+def at_start(value, other, *shape):
+    """A column with one value in the first tick and another from then on."""
+    column = np.full((1, T, *shape), other)
+    column[:, 0] = value
+    return column
+
+
+@pytest.mark.parametrize("d", [0.0, -0.1])
+def test_a_start_inside_a_margin_is_no_safe_start(calm, d):
+    assert broken(calm(distance_m=at_start(d, 0.9, 2))) == {"safe start"}
+    assert only(calm(distance_m=at_start(d, 0.9, 2))).verdict == BROKEN
+
+
+def test_a_start_at_an_unbounded_relative_rate_breaks_exactly_that(calm):
+    assert broken(calm(distance_rate_mps=at_start(-np.inf, 0.0, 2))) == {"bounded start"}
+    assert broken(calm(distance_rate_mps=at_start(-1e3, np.inf, 2))) == set()  # later is another question
+
+
+def test_an_opinion_of_zero_at_the_start_breaks_exactly_that(calm):
+    assert broken(calm(opinion=at_start(0.0, 0.1))) == {"opinion starts positive"}
+    assert broken(calm(opinion=at_start(1e-300, 0.0))) == set()
+
+
+def test_a_neighbour_no_road_car_could_follow_breaks_assumption_1(calm):
+    velocity = np.full((1, T, 3, 2), [2.0, 0.0])
+    velocity[0, 20:, 2, 0] = 8.0  # 6 m/s within 0.1 s
+    assert broken(calm(velocity_mps=velocity)) == {"neighbours bounded"}
+    velocity[0, 20:, 2, 0] = 6.0
+    assert broken(calm(velocity_mps=velocity)) == set()
+    velocity[0, :, 2, 0] = 101.0
+    assert broken(calm(velocity_mps=velocity)) == {"neighbours bounded"}
+
+
+def test_a_collision_is_no_unbounded_neighbour(calm):
+    """What the impact does to its speed must not be the excuse for the impact."""
+    velocity = np.full((1, T, 3, 2), [2.0, 0.0])
+    velocity[0, 20:, 2, 0] = 9.0
+    assert only(calm(velocity_mps=velocity, clearance_m=touching(20))).verdict == REFUTED
+
+
+def test_what_a_driver_asks_of_a_car_that_cannot_give_it_is_bounded_motion(calm):
+    u = np.zeros((1, T, 3, 2))
+    u[0, 20:, 2, 0] = 200.0
+    assert broken(calm(u_mps2=u)) == set()
+
+
+@pytest.mark.parametrize(
+    ("plant", "limit"), [("mujoco", data_sheet("rc").steer_limit_rad), ("bicycle", np.pi / 2)]
+)
+def test_steering_at_its_limit_breaks_exactly_that(calm, plant, limit):
+    """A car's is in its data sheet; the bicycle equations end at pi/2."""
+    steer = np.zeros((1, T, 3))
+    steer[0, 20, 0] = -0.999 * limit
+    steer[0, 30, 1] = 2.0  # a neighbour's
+    assert broken(calm(plant=plant, steer_rad=steer)) == set()
+    steer[0, 20, 0] = -limit
+    assert broken(calm(plant=plant, steer_rad=steer)) == {"steering within limit"}
+
+
+def test_in_continuous_time_no_hold_is_too_long(calm):
+    near = calm(distance_m=dipping(0.004), continuous=True, plant="double_integrator")
+    assert broken(near) == set()
+
+
+def test_in_continuous_time_the_ego_moves_as_commanded_by_the_equations(calm):
+    u = np.zeros((1, T, 3, 2))
+    u[0, 20:35, 0, 1] = 2.0
+    assert broken(calm(u_mps2=u, continuous=True, plant="bicycle")) == set()
+
+
+def test_a_run_that_ended_because_a_distance_reached_zero_is_unsafe(calm):
+    d = dipping(0.2, tick=20)
+    d[0, 40:] = np.nan
+    verdict = only(calm(distance_m=d, continuous=True, stops=[Stop(0, 0.4, "ego", "d_2", touched=True)]))
+    assert (verdict.verdict, verdict.unsafe_at_s) == (REFUTED, 0.4)
+    assert not verdict.floor_held
 
 
 def between(x=-1.2, y=0.1):
