@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Literal
@@ -61,6 +62,30 @@ class Reproduce:
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for figures, tables and animation; by default reproduced, where an earlier one makes way."""
+
+
+@dataclass(frozen=True)
+class Theorem:
+    """Look for a counterexample to the theorem in random worlds. Exit code 0: there is none; 1: there is."""
+
+    runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1000
+    """Number of worlds."""
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Seed of the first 50 worlds; the next 50 have the next one."""
+    duration: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 12.0
+    """Simulated time of each."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Count how often the decision goes wrong among random merges: the printed mu-law and the gated one."""
+
+    runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1000
+    """Number of merges for each variant."""
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Seed of the first."""
+    variants: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ("literal", "gated")
+    """Variants of the law; see `mjmerge list laws`."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +194,49 @@ def _reproduce(args: Reproduce) -> int:
     return 0 if done.complete else 1
 
 
+def _theorem(args: Theorem) -> int:
+    from rich.console import Console
+
+    from mjmerge.report import theorem_table
+    from mjmerge.theorem import tally
+
+    if args.runs < 1 or args.seed < 0 or not 0 < args.duration < float("inf"):
+        raise MjmergeError("--runs must be at least 1, --seed at least 0, --duration positive and finite")
+    with _progress(args.runs, "looking for a counterexample") as progress:
+        done = tally(args.runs, args.seed, args.duration, progress)
+    Console(highlight=False).print(theorem_table(done))
+    for seed, i, world, duration_s in done.counterexamples:
+        print(f"counterexample (seed {seed}, world {i}), after {duration_s} s: {world}")
+    if done.violated:
+        return 1
+    return 3 if done.stuck else 0
+
+
+def _survey(args: Survey) -> int:
+    from rich.console import Console
+
+    from mjmerge.loader import load
+    from mjmerge.report import survey_table
+    from mjmerge.survey import Survey as Found
+    from mjmerge.survey import survey
+
+    if args.runs < 1 or args.seed < 0:
+        raise MjmergeError("--runs must be at least 1, --seed at least 0")
+    for variant in args.variants:
+        load("paper", [f"law.variant={variant}"])  # a name that is wrong ends it here
+    found: list[Found] = []
+    with _progress(args.runs * len(args.variants), "surveying") as progress:
+        for variant in args.variants:
+            before = args.runs * len(found)
+            found.append(survey(args.runs, args.seed, variant, partial(_further, progress, before)))
+    Console(highlight=False).print(survey_table(found))
+    return 0
+
+
+def _further(progress: Callable[[float], None], before: int, done: int) -> None:
+    progress(before + done)
+
+
 @contextmanager
 def _progress(total: float, doing: str = "simulating") -> Iterator[Callable[[float], None]]:
     """A progress bar on standard error, once it is worth one."""
@@ -267,6 +335,8 @@ def _schema(args: Schema) -> int:
 _COMMANDS: dict[type, Callable[..., int]] = {
     Run: _run,
     Reproduce: _reproduce,
+    Theorem: _theorem,
+    Survey: _survey,
     List: _list,
     View: _view,
     Export: _export,
@@ -286,6 +356,8 @@ def main(argv: list[str] | None = None) -> None:
     args = tyro.cli(
         Annotated[Run, tyro.conf.subcommand("run")]
         | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+        | Annotated[Theorem, tyro.conf.subcommand("theorem")]
+        | Annotated[Survey, tyro.conf.subcommand("survey")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[View, tyro.conf.subcommand("view")]
         | Annotated[Export, tyro.conf.subcommand("export")]

@@ -109,6 +109,57 @@ class Outcome:
         return self.least_m <= 0
 
 
+@dataclass(frozen=True)
+class Tally:
+    """What came of a campaign.
+
+    Attributes:
+        runs: how many worlds.
+        violated: in how many d_j <= 0 at some time.
+        pinned: in how many some d_j fell below ``PINNED_M``, and the rest of the run is unknown.
+        stuck: in how many the solver gave up, and the rest is unknown.
+        challenged: in how many the barrier was really asked.
+        least_m: smallest d_j where it was not pinned, m.
+        counterexamples: seed, index in the batch, the simplest world that still violates, its duration, s.
+    """
+
+    runs: int
+    violated: int
+    pinned: int
+    stuck: int
+    challenged: int
+    least_m: float
+    counterexamples: tuple[tuple[int, int, Draw, float], ...]
+
+
+def tally(runs: int, seed: int, duration_s: float, progress: Callable[[int], None] | None = None) -> Tally:
+    """Runs a campaign, counts, and shrinks every violation to the simplest one.
+
+    Args:
+        runs: how many worlds.
+        seed: of the first batch.
+        duration_s: simulated time of each, s.
+        progress: called with the number of worlds done.
+    """
+    found, counterexamples = [], []
+    for batch, outcome in campaign(runs, seed, duration_s, progress):
+        found.append(outcome)
+        for i in np.flatnonzero(outcome.violated).tolist():
+            counterexamples.append((batch, i, *shrink(draw(batch, duration_s).one(i), duration_s)))
+    least, challenged, pinned, stuck = (
+        np.concatenate([getattr(o, f.name) for o in found]) for f in fields(Outcome)
+    )
+    return Tally(
+        runs=len(least),
+        violated=len(counterexamples),
+        pinned=int((pinned & (least > 0)).sum()),
+        stuck=int(stuck.sum()),
+        challenged=int(challenged.sum()),
+        least_m=float(least[~pinned].min(initial=np.inf)),
+        counterexamples=tuple(counterexamples),
+    )
+
+
 def draw(seed: int, duration_s: float, count: int = TOGETHER) -> Draw:
     """Worlds number ``seed * count`` to ``(seed + 1) * count - 1`` of the campaign.
 
