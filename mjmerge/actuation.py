@@ -13,8 +13,8 @@ import numpy as np
 
 from mjmerge.bicycle import inverse
 from mjmerge.datasheet import DataSheet
-from mjmerge.loader import data_sheet
-from mjmerge.scenario import CARS, Scenario
+from mjmerge.loader import car_sheets
+from mjmerge.scenario import Scenario
 from mjmerge.state import Array, Cars, Controls, limit
 
 _DRIVEN = {"all": (1, 1, 1, 1), "front": (1, 1, 0, 0), "rear": (0, 0, 1, 1)}
@@ -58,7 +58,7 @@ class BelievedCars:
 
 def believed_sheets(scenario: Scenario) -> list[DataSheet]:
     """Data sheet of each car, the ego's with what the scenario's ``belief`` says otherwise."""
-    sheets = [data_sheet(getattr(scenario.models, car)) for car in CARS]
+    sheets = car_sheets(scenario)
     sheets[0] = sheets[0].model_copy(update=scenario.belief.model_dump(exclude_none=True))
     return sheets
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjmerge.datasheet import DataSheet
 from mjmerge.figures import COLOURS, LINE, OPINION
-from mjmerge.loader import data_sheet
+from mjmerge.loader import car_sheets
 from mjmerge.metrics import INTENT, merged_at_s
 from mjmerge.scenario import CARS
 from mjmerge.state import Array
@@ -131,7 +131,7 @@ def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
         axes.text(0, 0, name, ha="center", va="center", fontsize=8, color="white", zorder=6)
         for name in ("ego", "1", "2")
     ]
-    outlines = [_outline(data_sheet(getattr(scenario.models, car))) for car in CARS]
+    outlines = [_outline(sheet) for sheet in car_sheets(scenario)]
     merged = merged_at_s(trace)[0]
 
     def place(tick: int) -> None:

@@ -41,6 +41,11 @@ class DataSheet(Frozen):
     steer_rate_limit_radps: Positive
     """Fastest steering, rad/s."""
 
+    def sized(self, size: float) -> DataSheet:
+        """The sheet of a car whose lengths are ``size`` times these; masses, torques and rates stay."""
+        lengths = [n for n in type(self).model_fields if n.endswith("_m") and not n.endswith("_n_m")]
+        return self.model_copy(update={name: size * getattr(self, name) for name in lengths})
+
     @property
     def effective_mass_kg(self) -> float:
         """Inertia along the road, kg."""

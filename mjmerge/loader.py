@@ -81,6 +81,11 @@ def data_sheet(model: str) -> DataSheet:
     return sheet
 
 
+def car_sheets(scenario: Scenario) -> list[DataSheet]:
+    """The data sheet of each of a scenario's cars, at its size."""
+    return [data_sheet(getattr(scenario.models, car)).sized(scenario.models.size) for car in CARS]
+
+
 def dump(scenario: Scenario) -> str:
     """The scenario as YAML with every default written out; loading it gives an equal scenario."""
     yaml = YAML(typ="safe", pure=True)
@@ -163,7 +168,7 @@ def _models(models: Models, near: Path | None, document: Document) -> tuple[Mode
         try:
             folder = str(share.model_folder(name, near))
             names[car] = name if name in share.models() else folder
-            sheets[car] = data_sheet(names[car])
+            sheets[car] = data_sheet(names[car]).sized(models.size)
         except UnknownNameError as error:
             document.report(str(error), f"models.{car}")
         except ScenarioError as error:

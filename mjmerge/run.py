@@ -15,6 +15,7 @@ from mjmerge.errors import OutputError
 from mjmerge.loader import dump
 from mjmerge.metrics import events
 from mjmerge.phases import phases
+from mjmerge.plant import check
 from mjmerge.record import FORMATS, Header, Outcome, Recording, versions
 from mjmerge.report import figure, summary, worst_run
 from mjmerge.scenario import Scenario
@@ -81,14 +82,16 @@ def run(
 
     Raises:
         OutputError: the folder cannot be written, or holds something that would be overwritten.
+        ModelError: a car model cannot be built, or not for this plant.
         MjmergeError: the plant has no continuous time.
     """
+    check(plant, scenario)
     if continuous:
-        from mjmerge.continuous import check  # scipy takes its time to import
+        from mjmerge.continuous import check as check_continuous  # scipy takes its time to import
 
-        check(plant)
-    replaced = prepare(folder, replace) if folder is not None else False
+        check_continuous(plant)
     world = build(scenario) if plant == "mujoco" or (folder is not None and record) else None
+    replaced = prepare(folder, replace) if folder is not None else False
     recording = None
     if folder is not None:
         (folder / "scenario.yaml").write_text(dump(scenario), encoding="utf-8")

@@ -104,6 +104,9 @@ class Models(Frozen):
     ego: str = "rc"
     vehicle_1: str = "rc"
     vehicle_2: str = "rc"
+    size: Annotated[float, Field(gt=0), Unit(1, 0)] = 1.0
+    """Lengths of the cars over those of their data sheets. Only ideal plants have cars of any size: mujoco's
+    come as they are."""
 
 
 class Road(Frozen):
@@ -184,9 +187,9 @@ class Scenario(Frozen):
         """The same scenario at another size, by similarity: lengths times s, times and speeds times sqrt(s).
 
         Accelerations stay, so that gravity and friction keep their meaning; everything else follows from its
-        unit (k_o is a velocity, k_p is 1/s^2, ...). Motion and opinion of the points p_j, and so every run of
-        the double integrator, are the same at the other scale. Cars are not scaled: neither ``models``, nor
-        what ``belief`` says of them, nor how the neighbours keep their lane.
+        unit (k_o is a velocity, k_p is 1/s^2, ...). On the ideal plants the run is the same run at the other
+        scale, with cars of that size (``models.size``). Physical cars come in their own size: for ``mujoco``,
+        choose models of the new one. How the neighbours keep their lane is not scaled.
 
         Args:
             length: s, the factor of lengths.
@@ -197,7 +200,7 @@ class Scenario(Frozen):
         """
         if not 0 < length < inf:
             raise MjmergeError(f"the scale must be a positive number, got {length}")
-        other = rescaled(self, length, sqrt(length)).model_copy(update={"belief": self.belief})
+        other = rescaled(self, length, sqrt(length))
         try:
             type(self).model_validate(other.model_dump())
         except ValidationError as invalid:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from mjmerge.errors import UnknownNameError
+from mjmerge.errors import ModelError, UnknownNameError
 from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.scenario import Scenario
 from mjmerge.world import World
 
-__all__ = ["PLANTS", "Fault", "Plant", "Smooth", "make"]
+__all__ = ["PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
 
 PLANTS: dict[str, str] = {
     "double_integrator": "front axles are point masses: the paper's proof",
@@ -20,6 +20,17 @@ PLANTS: dict[str, str] = {
     "mujoco": "physical cars with mass, tyres, suspension, servos and limits",
 }
 """What each plant is, by name."""
+
+
+def check(name: str, scenario: Scenario) -> None:
+    """Raises UnknownNameError if there is no such plant, ModelError if it has no cars of that size."""
+    if name not in PLANTS:
+        raise UnknownNameError("plant", name, PLANTS)
+    if name == "mujoco" and scenario.models.size != 1:
+        raise ModelError(
+            f"models.size is {scenario.models.size:g}, but mujoco's cars come in their own size: "
+            "choose models of that size, and set models.size=1"
+        )
 
 
 def make(name: str, scenario: Scenario, world: World | None, runs: int, threads: int) -> Plant:
@@ -34,8 +45,8 @@ def make(name: str, scenario: Scenario, world: World | None, runs: int, threads:
 
     Raises:
         UnknownNameError: there is no such plant.
+        ModelError: it has no cars of that size.
     """
-    if name not in PLANTS:
-        raise UnknownNameError("plant", name, PLANTS)
+    check(name, scenario)
     plant: Plant = import_module(f"mjmerge.plant.{name}").make(scenario, world, runs, threads)
     return plant

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mjmerge.bicycle import derivative, front_velocity
-from mjmerge.loader import data_sheet
+from mjmerge.loader import car_sheets
 from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import no_clearance, runaway, standing, start
-from mjmerge.scenario import CARS, Scenario
+from mjmerge.scenario import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask
 from mjmerge.world import World
 
@@ -76,7 +76,7 @@ def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> Bi
     """At t = 0; see :func:`mjmerge.plant.make`."""
     del threads
     front_m, speed_mps = start(scenario, runs)
-    wheelbase = np.array([data_sheet(getattr(scenario.models, car)).wheelbase_m for car in CARS])
+    wheelbase = np.array([sheet.wheelbase_m for sheet in car_sheets(scenario)])
     state = np.zeros((*speed_mps.shape, 5))
     state[..., 0] = front_m[..., 0] - wheelbase
     state[..., 1] = front_m[..., 1]

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjmerge import MjmergeError, load, share, simulate
+from mjmerge import MjmergeError, load, simulate
 from mjmerge.drivers import kinds
-from mjmerge.errors import ScenarioError
+from mjmerge.errors import ModelError, ScenarioError
 from mjmerge.frozen import Frozen
-from mjmerge.loader import dump
-from mjmerge.scenario import CARS, Belief, Models, Scenario
+from mjmerge.loader import car_sheets, dump
+from mjmerge.scenario import Belief, Scenario
 from mjmerge.trace import COLUMNS
 from mjmerge.units import unit
 
@@ -41,7 +41,8 @@ def assert_same_run(scenario, length, plant, tolerance, columns, **how):
         assert getattr(b, name) == pytest.approx(expected, abs=tolerance * size, nan_ok=True), name
 
 
-POINTS = [c.name for c in COLUMNS if not re.match(r"a_|omega|steer|torque|clearance|speed|heading", c.name)]
+BICYCLE = [c.name for c in COLUMNS if not re.match(r"torque|clearance", c.name)]
+POINTS = [name for name in BICYCLE if not re.match(r"a_|omega|steer|speed|heading", name)]
 
 
 @given(st.sampled_from(NAMES), st.floats(0.05, 100))
@@ -64,22 +65,16 @@ def test_and_so_does_the_front_axle_of_a_bicycle_there_whatever_its_wheelbase():
     assert_same_run(scenario, 10.0, "bicycle", 1e-9, ["front_m", "opinion", "mu"], continuous=True)
 
 
-@pytest.mark.parametrize("length", [0.3, 10.0])
-def test_with_cars_of_that_size_the_bicycle_runs_the_same_under_a_hold_too(length, tmp_path):
-    scenario = load("charge", ["duration_s=6"])
-    sheet = (share.model_folder("rc") / "datasheet.yaml").read_text()
-    wheelbase_m = float(re.search(r"^wheelbase_m: *([\d.]+)", sheet, re.MULTILINE)[1])
-    folder = tmp_path / "sized"
-    folder.mkdir()
-    sized = re.sub(r"^wheelbase_m: *[\d.]+", f"wheelbase_m: {wheelbase_m * length!r}", sheet, flags=re.M)
-    (folder / "datasheet.yaml").write_text(sized)
-    (folder / "sized.xml").write_text("<mujoco/>")
-    cars = Models(**dict.fromkeys(CARS, str(folder)))
-    large = scenario.scaled(length).model_copy(update={"models": cars})
-    a, b = simulate(scenario, "bicycle"), simulate(large, "bicycle")
-    for name in [*POINTS, "heading_rad", "speed_mps", "steer_rad", "a_mps2", "omega_radps"]:
-        expected = getattr(a, name) * factor(name, length)
-        assert getattr(b, name) == pytest.approx(expected, rel=1e-9, abs=1e-9, nan_ok=True), name
+@given(st.sampled_from(["paper", "charge", "flips"]), st.floats(0.05, 50))
+@settings(max_examples=6)
+def test_the_bicycle_runs_the_same_at_any_size_under_a_hold_too(name, length):
+    scenario = load(name, ["duration_s=6", "belief.wheelbase_m=0.35"])
+    assert_same_run(scenario, length, "bicycle", 1e-9, BICYCLE)
+
+
+def test_physical_cars_come_as_they_are():
+    with pytest.raises(ModelError, match=r"models.size is 10, but mujoco's cars come in their own size"):
+        simulate(load("paper").scaled(10.0), "mujoco")
 
 
 @pytest.mark.parametrize("variant", ["capped+guarded+one_sided", "gated+z_floor+no_u1"])
@@ -143,11 +138,13 @@ def test_every_number_of_a_scenario_has_a_unit_or_is_known_to_have_none():
                 assert (unit(name, info) is None) == (name in DIMENSIONLESS), f"{model.__name__}.{name}"
 
 
-def test_the_cars_and_what_is_believed_of_them_stay():
+def test_the_cars_on_ideal_plants_take_the_size_and_so_does_what_is_believed_of_them():
     scenario = load("paper", ["belief.wheelbase_m=0.4", "belief.mass_kg=5", "mismatch.command_delay_s=0.1"])
     scaled = scenario.scaled(4.0)
-    assert scaled.belief == scenario.belief
-    assert scaled.models == scenario.models
+    assert (scaled.belief.wheelbase_m, scaled.belief.mass_kg) == (1.6, 5)
+    assert (scaled.models.ego, scaled.models.size) == (scenario.models.ego, 4.0)
+    assert car_sheets(scaled)[0].wheelbase_m == 4 * car_sheets(scenario)[0].wheelbase_m
+    assert car_sheets(scaled)[0].mass_kg == car_sheets(scenario)[0].mass_kg
     assert scaled.mismatch.command_delay_s == 0.2
     assert scaled.expect.min_distance_m.at_least == 0.2
     assert scaled.name == "paper"
