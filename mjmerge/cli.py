@@ -215,15 +215,12 @@ def _theorem(args: Theorem) -> int:
 def _survey(args: Survey) -> int:
     from rich.console import Console
 
-    from mjmerge.loader import load
     from mjmerge.report import survey_table
     from mjmerge.survey import Survey as Found
     from mjmerge.survey import survey
 
     if args.runs < 1 or args.seed < 0:
         raise MjmergeError("--runs must be at least 1, --seed at least 0")
-    for variant in args.variants:
-        load("paper", [f"law.variant={variant}"])  # a name that is wrong ends it here
     found: list[Found] = []
     with _progress(args.runs * len(args.variants), "surveying") as progress:
         for variant in args.variants:

@@ -97,7 +97,11 @@ def survey(
         seed: of the first.
         variant: of the law.
         progress: called with the number of runs done.
+
+    Raises:
+        ScenarioError: there is no such variant.
     """
+    load("paper", [f"law.variant={variant}"])  # a name that is wrong ends it here, and not in a draw
     found, violated, merged = [], 0, 0
     for batch in range(-(-runs // TOGETHER)):
         scenario = random_scenario(seed + batch, variant)

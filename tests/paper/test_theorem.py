@@ -50,10 +50,10 @@ def test_a_world_alone_does_what_it_does_among_others():
 
 def test_without_the_barrier_the_search_finds_violations_and_shrinks_one_to_its_cause():
     worlds = theorem.draw(0, DURATION_S, 10)
-    unguarded = replace(worlds, law=worlds.law.model_copy(update={"k_o": 0.0}))
-    bad = np.flatnonzero(theorem.run(unguarded, DURATION_S).violated)
+    worlds = unguarded(worlds)
+    bad = np.flatnonzero(theorem.run(worlds, DURATION_S).violated)
     assert bad.size
-    world, duration_s = theorem.shrink(unguarded.one(bad[0]), DURATION_S)
+    world, duration_s = theorem.shrink(worlds.one(bad[0]), DURATION_S)
     assert theorem.run(world, duration_s).violated.all()
     paper = type(world.law)(r_rho_m=world.law.r_rho_m, r_eta_m=world.law.r_eta_m)
     changed = {name for name, value in world.law if value != getattr(paper, name)}
@@ -65,3 +65,28 @@ def test_the_campaign_is_the_same_however_it_is_cut():
     whole = [o.least_m for _, o in theorem.campaign(100, 7, 2.0)]
     parts = [o.least_m for s in (7, 8) for _, o in theorem.campaign(50, s, 2.0)]
     assert np.array_equal(np.concatenate(whole), np.concatenate(parts))
+
+
+def test_a_tally_counts_every_world_once_and_shrinks_what_it_finds(monkeypatch):
+    done = []
+    tally = theorem.tally(60, 3, 2.0, done.append)
+    outcomes = [o for _, o in theorem.campaign(60, 3, 2.0)]
+    assert (tally.runs, done[-1]) == (60, 60)
+    assert (tally.violated, tally.stuck, tally.counterexamples) == (0, 0, ())
+    assert tally.challenged == sum(o.challenged.sum() for o in outcomes)
+    least = np.concatenate([np.where(o.pinned, np.inf, o.least_m) for o in outcomes])
+    assert tally.least_m == least.min()
+
+    drawn = theorem.draw
+    monkeypatch.setattr(theorem, "draw", lambda *args: unguarded(drawn(*args)))
+    monkeypatch.setattr(theorem, "shrink", lambda world, duration_s: (world, duration_s / 2))
+    tally = theorem.tally(20, 0, 2.0)
+    assert tally.violated == len(tally.counterexamples) > 0
+    for seed, i, world, duration_s in tally.counterexamples:
+        assert (seed, duration_s) == (0, 1.0)
+        assert np.array_equal(world.start, drawn(0, 2.0).one(i).start)
+        assert theorem.run(world, 2.0).violated.all()
+
+
+def unguarded(worlds):
+    return replace(worlds, law=worlds.law.model_copy(update={"k_o": 0.0}))
