@@ -27,6 +27,7 @@ else:
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
+Tyre = Literal["slip", "ideal"]
 Point = Annotated[tuple[float, float], Field(strict=False)]
 
 
@@ -129,6 +130,8 @@ class Mismatch(Frozen):
 
     friction: Annotated[float, Field(gt=0, le=2)] = 1.0
     """Coulomb friction between all tyres and the road, 1."""
+    tyres: Tyre = "slip"
+    """Whether tyres push across only as they slip, with the car's cornering stiffness, or are ideally stiff."""
     command_delay_s: Annotated[float, Field(ge=0, le=2)] = 0.0
     """Dead time of the ego's steering and drive commands, s."""
 
