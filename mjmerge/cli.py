@@ -62,6 +62,20 @@ class Reproduce:
 
 
 @dataclass(frozen=True)
+class Identify:
+    """Measure a car model by driving it, against its data sheet. Exit code 0: all holds; 1: not all."""
+
+    model: Annotated[str, tyro.conf.Positional]
+    """Name of a shipped model (see `mjmerge list models`), or the path of its folder."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for table and plots; by default identified/<model>, where an earlier one makes way."""
+    accept: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Also store the table beside the model, where every run finds whether its cars were accepted."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
 class List:
     """List what there is: scenarios, models, laws, drivers and plants, with a line on each."""
 
@@ -164,6 +178,37 @@ def _reproduce(args: Reproduce) -> int:
     return 0 if done.complete else 1
 
 
+def _identify(args: Identify) -> int:
+    from rich.console import Console
+
+    from mjmerge import identified
+    from mjmerge.acceptance import store
+    from mjmerge.identify import identify
+    from mjmerge.record.manifest import versions
+    from mjmerge.run import prepare
+
+    place = share.model_folder(args.model)
+    folder = args.out or Path("identified") / place.name
+    replaced = prepare(folder, args.out is None, identified.FILES)
+    with _progress(1.0, "driving") as progress:
+        found = identify(args.model, progress)
+    identified.write(folder, found)
+    if args.accept:
+        try:
+            store(place, found.table, versions())
+        except OSError as error:
+            raise OutputError(f"cannot write to {place}: {error.strerror or error}") from error
+    if args.json:
+        print(json.dumps(identified.as_json(found) | {"out": str(folder), "versions": versions()}))
+        return 0 if found.passed else 1
+    console = Console(highlight=False)
+    console.print(identified.rich_table(found.table))
+    if replaced:
+        console.print(f"what was in {folder} was replaced")
+    console.print(f"table and plots:  [bold]{folder}[/]", soft_wrap=True)
+    return 0 if found.passed else 1
+
+
 @contextmanager
 def _progress(total: float, doing: str = "simulating") -> Iterator[Callable[[float], None]]:
     """A progress bar on standard error, once it is worth one."""
@@ -262,6 +307,7 @@ def _schema(args: Schema) -> int:
 _COMMANDS: dict[type, Callable[..., int]] = {
     Run: _run,
     Reproduce: _reproduce,
+    Identify: _identify,
     List: _list,
     View: _view,
     Export: _export,
@@ -281,6 +327,7 @@ def main(argv: list[str] | None = None) -> None:
     args = tyro.cli(
         Annotated[Run, tyro.conf.subcommand("run")]
         | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+        | Annotated[Identify, tyro.conf.subcommand("identify")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[View, tyro.conf.subcommand("view")]
         | Annotated[Export, tyro.conf.subcommand("export")]

@@ -4,8 +4,8 @@ Nothing here looks into the model's parameters: the car is driven through its ac
 scenarios use, and what is measured is compared with its data sheet, or with physics from the data sheet's
 numbers. Speeds and times of the manoeuvres scale with the car as sqrt(g L) and sqrt(L/g), L the wheelbase.
 
-Signs, single-track model and understeer gradient K are those of ISO 8855: K = W_f/(C_f g) - W_r/(C_r g), steady
-yaw rate v delta/(L + K v^2).
+Signs and the understeer gradient K are those of ISO 8855: K = W_f/(C_f g) - W_r/(C_r g), and the steady yaw
+rate of the single-track model is v delta/(L + K v^2).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from mjmerge.acceptance import Measured
 from mjmerge.actuation import AIR_KG_PER_M3
 from mjmerge.datasheet import DataSheet
 from mjmerge.manoeuvres import (
+    STEPS_G,
     Scale,
     brake,
     coast,
@@ -52,6 +53,7 @@ class SteadyTurns:
         rear_slip_rad: of the rear axle.
         front_n: side force of the front axle, across its wheels, from the balance of moments.
         rear_n: of the rear axle.
+        front_drive_n: drive force of the front axle, along its wheels.
         unsteady: largest change of yaw rate over the time measured, as a part of it.
     """
 
@@ -63,6 +65,7 @@ class SteadyTurns:
     rear_slip_rad: Array
     front_n: Array
     rear_n: Array
+    front_drive_n: Array
     unsteady: Array
 
     @property
@@ -143,14 +146,15 @@ def identify(model: str, progress: Progress | None = None) -> Identification:
 def read_turns(sheet: DataSheet, log: Log) -> SteadyTurns:
     """Slip angles and side forces of turns that have become steady, from the means of a log.
 
-    The balance of moments about the rear axle, m a_y l_r = F_f L cos(delta), gives the front force; about the
-    front one it gives the rear's.
+    The balance of moments about the rear axle, m a_y l_r = (F_f cos(delta) + D_f sin(delta)) L, gives the
+    front force, D_f being its drive; about the front one it gives the rear's.
     """
     length, rear_m = sheet.wheelbase_m, sheet.wheelbase_m - sheet.com_behind_front_axle_m
     v, r, vy, steer = (
         x.mean(axis=1) for x in (log.speed_mps, log.yaw_rate_radps, log.lateral_mps, log.steer_rad)
     )
     a = v * r
+    drive_n = log.torque_n_m[..., :2].sum(axis=2).mean(axis=1) / sheet.wheel_radius_m
     return SteadyTurns(
         speed_mps=v,
         yaw_rate_radps=r,
@@ -158,16 +162,28 @@ def read_turns(sheet: DataSheet, log: Log) -> SteadyTurns:
         steer_rad=steer,
         front_slip_rad=steer - np.arctan((vy + length * r) / v),
         rear_slip_rad=-np.arctan(vy / v),
-        front_n=sheet.mass_kg * a * rear_m / length / np.cos(steer),
+        front_n=(sheet.mass_kg * a * rear_m / length - drive_n * np.sin(steer)) / np.cos(steer),
         rear_n=sheet.mass_kg * a * (1 - rear_m / length),
+        front_drive_n=drive_n,
         unsteady=np.ptp(log.yaw_rate_radps, axis=1) / np.abs(r),
     )
 
 
+def steering_beyond_rad(sheet: DataSheet, turns: SteadyTurns) -> Array:
+    """How much more is steered than the kinematic bicycle needs, (K,).
+
+    Driven front wheels pull the car into the turn, which saves D_f sin(delta)/C_f of steering; it is added.
+    """
+    kinematic = np.arctan(sheet.wheelbase_m * turns.yaw_rate_radps / turns.speed_mps)
+    pull = turns.front_drive_n * np.sin(turns.steer_rad) / turns.front_stiffness_n_per_rad
+    more: Array = turns.steer_rad - kinematic + pull
+    return more
+
+
 def measured_understeer_rad_s2_per_m(sheet: DataSheet, turns: SteadyTurns) -> float:
-    """K from how much more is steered than the kinematic bicycle needs, over the lateral acceleration."""
-    more = turns.steer_rad - np.arctan(sheet.wheelbase_m * turns.yaw_rate_radps / turns.speed_mps)
-    return float(more @ turns.lateral_mps2 / (turns.lateral_mps2 @ turns.lateral_mps2))
+    """K from :func:`steering_beyond_rad` over the lateral acceleration."""
+    a = turns.lateral_mps2
+    return float(steering_beyond_rad(sheet, turns) @ a / (a @ a))
 
 
 def yaw_wheelbase_m(turns: SteadyTurns) -> float:
@@ -204,13 +220,8 @@ def peak_lateral_mps2(sheet: DataSheet, log: Log) -> Array:
 def rise_s(log: Log, part: float = 0.632) -> float:
     """Time in which the steering does that part of the first simulation's step."""
     done = log.steer_rad[0] / log.steer_command_rad[0, 0]
-    return float(
-        np.interp(
-            part,
-            done[: int(np.argmax(done > part)) + 1],
-            log.time_s[: len(done)][: int(np.argmax(done > part)) + 1],
-        )
-    )
+    rising = slice(int(np.argmax(done > part)) + 1)
+    return float(np.interp(part, done[rising], log.time_s[rising]))
 
 
 def _weight(sheet: DataSheet, loads_n: Array) -> list[Measured]:
@@ -245,10 +256,13 @@ def _stillness(log: Log) -> list[Measured]:
 def _along(sheet: DataSheet, coasting: Log, steps: Log) -> list[Measured]:
     rolling, drag = _resistances(sheet, coasting)
     radius = coasting.speed_mps[:, 100:] / coasting.spin_radps[:, 100:].mean(axis=2)
-    got = gained_mps2(sheet, steps)
-    force = steps.torque_n_m[:, -1].sum(axis=1) / sheet.wheel_radius_m
-    mass = float(np.polyfit(got, force, 1)[0])
-    asked = (sheet.effective_mass_kg * (got[-1] - got[0])) / (force[-1] - force[0])
+    part = steps.between(6 * Scale.of(sheet).time_s, np.inf)
+    got = (part.speed_mps[:, -1] - part.speed_mps[:, 0]) / (part.time_s[-1] - part.time_s[0])
+    force_n = part.torque_n_m.sum(axis=2) / sheet.wheel_radius_m - _resistance_n(
+        sheet, rolling, drag, part.speed_mps
+    )
+    mass = float(np.polyfit(got, force_n[:, :-1].mean(axis=1), 1)[0])
+    given = float(np.polyfit(STEPS_G * G_MPS2, got, 1)[0])
     return [
         _row(
             "rolling radius",
@@ -266,7 +280,7 @@ def _along(sheet: DataSheet, coasting: Log, steps: Log) -> list[Measured]:
             0.01,
             "wheel force over acceleration, five torques at one speed",
         ),
-        _row("acceleration given over asked", "", float(asked), 1.0, 0.01, "two of these torques"),
+        _row("acceleration given over asked", "", given, 1.0, 0.01, "two of these torques"),
         _row(
             "rolling resistance",
             "",
@@ -382,10 +396,9 @@ def _row(name: str, unit: str, measured: float, expected: float, relative: float
     return Measured(name, unit, measured, expected, relative * abs(expected), how)
 
 
-def gained_mps2(sheet: DataSheet, steps: Log) -> Array:
-    """Accelerations of :func:`torque_steps` once they have settled, (N,)."""
-    part = steps.between(6 * Scale.of(sheet).time_s, np.inf)
-    return (part.speed_mps[:, -1] - part.speed_mps[:, 0]) / (part.time_s[-1] - part.time_s[0])
+def _resistance_n(sheet: DataSheet, rolling: float, drag_m2: float, speed_mps: Array) -> Array:
+    """Of road and air, c m g + rho A v^2/2."""
+    return rolling * sheet.mass_kg * G_MPS2 + AIR_KG_PER_M3 / 2 * drag_m2 * speed_mps**2
 
 
 def _resistances(sheet: DataSheet, log: Log) -> tuple[float, float]:

@@ -18,8 +18,10 @@ SPEEDS = np.array([0.97, 1.5, 2.3, 3.2, 4.4, 5.83])
 """Of the steady turns, as parts of sqrt(g L): 5 to 30 m/s for a wheelbase of 2.7 m."""
 TURNS_G = np.array([0.1, 0.2, 0.3])
 """Lateral accelerations of the steady turns."""
+STEPS_G = np.array([-0.1, -0.05, 0.0, 0.05, 0.1])
+"""Accelerations asked for by torque."""
 
-_MOST_STEER_RAD = 0.25  # in a steady turn: beyond it the single-track model itself is 3 % off
+_MOST_STEER_RAD = 0.15  # in a steady turn: beyond it two tracks are no longer one
 _SETTLED = 10.0  # of the slowest time constants, before a turn counts as steady
 _KNEE = 1.5  # a ramp goes this far beyond the angle at which the tyres should saturate
 
@@ -65,11 +67,8 @@ def coast(world: World) -> Log:
 
 
 def torque_steps(world: World) -> Log:
-    """Accelerations of 0, +-0.05 and +-0.1 g asked for at the same speed."""
-    sheet = world.sheets[0]
-    scale = Scale.of(sheet)
-    most = min(0.1, 0.5 * sheet.power_limit_w / (sheet.effective_mass_kg * G_MPS2 * 2 * scale.speed_mps))
-    asked = np.array([-1, -0.5, 0.0, 0.5, 1]) * most * G_MPS2
+    """Accelerations of 0, +-0.05 and +-0.1 g asked for from the same speed."""
+    scale, asked = Scale.of(world.sheets[0]), STEPS_G * G_MPS2
 
     def driver(time_s: float, cars: Cars) -> tuple[Array, Array]:
         del cars
@@ -122,16 +121,17 @@ def brake(world: World, speeds: Array | None = None) -> Log:
 
 
 def steer_ramp(world: World, side: float = 1.0) -> Log:
-    """The steering turned slowly beyond the grip at a held speed."""
+    """The steering turned slowly beyond the grip, off the throttle but for the road load."""
     sheet = world.sheets[0]
     scale, mu = Scale.of(sheet), friction(world)
-    speed = np.array([4.0, 5.0]) * scale.speed_mps * np.sqrt(mu)
+    speed = np.array([5.0, 6.0]) * scale.speed_mps * np.sqrt(mu)
     most = np.arctan(sheet.wheelbase_m * mu * G_MPS2 / speed**2) + 2 * mu * compliance_rad(sheet)[0]
     most = np.minimum(_KNEE * most, 0.95 * sheet.steer_limit_rad)
     rising_s = 40 * scale.time_s
 
     def driver(time_s: float, cars: Cars) -> tuple[Array, Array]:
-        return hold(world, cars, speed), side * most * min(time_s / rising_s, 1.0)
+        del cars
+        return np.zeros(len(speed)), side * most * min(time_s / rising_s, 1.0)
 
     return drive(world, driver, rising_s, speed)
 

@@ -110,6 +110,15 @@ class World:
             found.append(chassis.subtreemass[0] * np.array([share, 1 - share]))
         return np.array(found)
 
+    def wheels_m(self) -> tuple[Array, Array]:
+        """Where the wheels are, ahead of the rear axle and left of the middle, each (C, 4)."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        wheels = np.array([[data.geom(f"{car}/tyre_{w}").xpos for w in WHEELS] for car in self.cars])
+        rear = np.array([data.site(f"{car}/rear_axle").xpos for car in self.cars])
+        at = wheels - rear[:, None]
+        return at[..., 0], at[..., 1]
+
     def qpos(self, front_m: Array, heading_rad: Array, wheel_steer_rad: Array, spin_rad: Array) -> Array:
         """Generalised positions with the cars standing on their wheels, (M, nq).
 

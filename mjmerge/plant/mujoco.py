@@ -15,7 +15,7 @@ from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import start
 from mjmerge.plant.tyre import Tyres
 from mjmerge.scenario import Scenario
-from mjmerge.state import Array, Cars, Controls, Mask, limit, norm
+from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.world import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER, WHEELS, World
 
 _LOCKED_RADPS = 1.0  # a brake's full torque is reached from this wheel speed on
@@ -99,6 +99,8 @@ class MuJoCo:
         self._qpos[:] = world.qpos(front_m, heading, np.stack([still, still], axis=-1), still)
         self._qvel[:] = world.qvel(speed_mps, heading)
         self._tyres = Tyres.of(world)
+        self._yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
+        self._wheels_m = world.wheels_m()
         pairs = np.array([[model.pair(f"{car}_road_{w}").id for w in WHEELS] for car in cars])
         self._impedance = self.batch.expand("pair_solimp")
         self._damping = self.batch.expand("pair_solreffriction")
@@ -106,7 +108,7 @@ class MuJoCo:
         assert np.array_equal(pairs.ravel(), np.arange(self._pairs.start, self._pairs.stop))
         self.batch.forward()
         self._sense()
-        self._grip(self._tyres)
+        self._grip()
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`."""
@@ -134,12 +136,12 @@ class MuJoCo:
             at = end
         self._clearance = values[:, at:]
 
-    def _grip(self, tyres: Tyres) -> None:
-        """Sets every tyre's contact for the speed of its axle."""
-        speed = np.empty((len(self._sensors), len(self._cars), len(WHEELS)))
-        speed[..., :2] = norm(self._now["front_velocity"])[..., None]
-        speed[..., 2:] = norm(self._now["rear_velocity"])[..., None]
-        d, damping = tyres.contact(speed)
+    def _grip(self) -> None:
+        """Sets every tyre's contact for the speed of its wheel over the road."""
+        x_m, y_m = self._wheels_m
+        v, yaw_rate = self._now["rear_velocity"], self._qvel[:, self._yaw_at][..., None]
+        speed = np.hypot(v[..., :1] - yaw_rate * y_m, v[..., 1:2] + yaw_rate * x_m)
+        d, damping = self._tyres.contact(speed)
         self._impedance[:, self._pairs, :2] = d.reshape(len(d), -1, 1)
         self._damping[:, self._pairs, 1] = -damping.reshape(len(d), -1)
 
@@ -150,7 +152,7 @@ class MuJoCo:
         self._drive(controls.torque_n_m)
         self._steer_command = controls.steer_rad
         if self._tyres.slips:
-            self._grip(self._tyres)
+            self._grip()
         ids = None if running.all() else np.flatnonzero(running)
         try:
             self.batch.step(ids, self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
