@@ -129,7 +129,7 @@ def drive(
             plant.step(controls, running)
     columns = {name: np.stack([row[name] for row in rows], axis=1) for name in rows[0]}
     columns["heading_rad"] = np.unwrap(columns["heading_rad"], axis=1)
-    return Log(time_s=np.arange(ticks + 1) * tick_s, **columns)
+    return Log(time_s=tick_s * np.arange(ticks + 1, dtype=np.float64), **columns)
 
 
 class _Reader:
