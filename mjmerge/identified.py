@@ -169,6 +169,7 @@ def longitudinal(found: Identification) -> Figure:
         right.plot(s, ideal, "--", color=_MODEL, label=None if i else r"$\sqrt{v_0^2 - 2\mu g s}$")
     right.set_xlabel("distance (m)")
     right.set_ylabel("speed (m/s)")
+    right.set_xlim(left=0)
     right.set_title("full braking", loc="right", fontsize="small")
     for panel in (left, right):
         panel.set_ylim(bottom=0)

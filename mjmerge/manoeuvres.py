@@ -139,7 +139,7 @@ def steer_ramp(world: World, side: float = 1.0) -> Log:
 def steer_step(world: World, tick_s: float = 0.002) -> Log:
     """A small and the largest step of the steering while rolling slowly."""
     sheet = world.sheets[0]
-    small = 0.25 * sheet.steer_rate_limit_radps * sheet.steer_lag_s
+    small = 0.05 * sheet.steer_rate_limit_radps * sheet.steer_lag_s
     steps = np.array([small, 0.9 * sheet.steer_limit_rad])
 
     def driver(time_s: float, cars: Cars) -> tuple[Array, Array]:

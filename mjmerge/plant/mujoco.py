@@ -101,6 +101,7 @@ class MuJoCo:
         self._tyres = Tyres.of(world)
         self._yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
         self._wheels_m = world.wheels_m()
+        self._radius_m = np.array([[model.geom(f"{car}/tyre_{w}").size[0] for w in WHEELS] for car in cars])
         pairs = np.array([[model.pair(f"{car}_road_{w}").id for w in WHEELS] for car in cars])
         self._impedance = self.batch.expand("pair_solimp")
         self._damping = self.batch.expand("pair_solreffriction")
@@ -138,10 +139,15 @@ class MuJoCo:
 
     def _grip(self) -> None:
         """Sets every tyre's contact for the speed of its wheel over the road."""
-        x_m, y_m = self._wheels_m
-        v, yaw_rate = self._now["rear_velocity"], self._qvel[:, self._yaw_at][..., None]
-        speed = np.hypot(v[..., :1] - yaw_rate * y_m, v[..., 1:2] + yaw_rate * x_m)
-        d, damping = self._tyres.contact(speed)
+        now, (x_m, y_m) = self._now, self._wheels_m
+        v, yaw_rate = now["rear_velocity"], self._qvel[:, self._yaw_at][..., None]
+        ahead, across = v[..., :1] - yaw_rate * y_m, v[..., 1:2] + yaw_rate * x_m
+        angle = np.zeros_like(ahead)
+        angle[..., 0], angle[..., 1] = now["steer_left"][..., 0], now["steer_right"][..., 0]
+        cos, sin = np.cos(angle), np.sin(angle)
+        rim = self._qvel[:, self._spin_at] * self._radius_m
+        slip = np.hypot(ahead * cos + across * sin - rim, across * cos - ahead * sin)
+        d, damping = self._tyres.contact(np.hypot(ahead, across), slip)
         self._impedance[:, self._pairs, :2] = d.reshape(len(d), -1, 1)
         self._damping[:, self._pairs, 1] = -damping.reshape(len(d), -1)
 
@@ -151,8 +157,7 @@ class MuJoCo:
         self._ctrl[:, self._steer_at] = told + limit(controls.wheel_steer_rad - told, self._most_turn_rad)
         self._drive(controls.torque_n_m)
         self._steer_command = controls.steer_rad
-        if self._tyres.slips:
-            self._grip()
+        self._grip()
         ids = None if running.all() else np.flatnonzero(running)
         try:
             self.batch.step(ids, self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)

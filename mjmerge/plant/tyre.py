@@ -37,6 +37,8 @@ ADDED_MASS = 0.03
 """1/R over the mass on the wheel, while the car moves."""
 FASTEST_PER_S = 500.0
 """Bound on the decay rate of a wheel's slip; the step's own rate where that is slower."""
+OUT_OF_REACH = 3.0
+"""A tyre that slides asks for no more than this many times its static grip."""
 _LEAST_MPS = _LEAST = 1e-9
 
 
@@ -49,6 +51,7 @@ class Tyres:
         mass_kg: m, mass that stands on the wheel.
         spin_mass_kg: J, what the wheel's spin adds to the inertia along the road, I/r^2.
         invweight_per_kg: A.
+        grip_n: a force that is out of the tyre's reach, :data:`OUT_OF_REACH` times its grip under that mass.
         step_s: time step of the physics, s.
     """
 
@@ -56,6 +59,7 @@ class Tyres:
     mass_kg: Array
     spin_mass_kg: Array
     invweight_per_kg: Array
+    grip_n: Array
     step_s: float
 
     @classmethod
@@ -65,24 +69,28 @@ class Tyres:
         spin = [[m.joint(f"{car}/spin_{w}").dofadr[0] for w in WHEELS] for car in world.cars]
         wheel = [[m.body(f"{car}/wheel_{w}").id for w in WHEELS] for car in world.cars]
         radius = [[m.geom(f"{car}/tyre_{w}").size[0] for w in WHEELS] for car in world.cars]
+        pair = [[m.pair(f"{car}_road_{w}").id for w in WHEELS] for car in world.cars]
+        load = np.repeat(world.axle_mass_kg() / 2, 2, axis=1) * np.linalg.norm(m.opt.gravity)
         return cls(
             stiffness_n_per_rad=np.repeat(world.cornering_stiffness_n_per_rad() / 2, 2, axis=1),
             mass_kg=np.repeat(world.axle_mass_kg() / 2, 2, axis=1),
             spin_mass_kg=m.dof_M0[np.array(spin)] / np.square(radius),
             invweight_per_kg=m.body_invweight0[np.array(wheel), 0],
+            grip_n=OUT_OF_REACH * m.pair_friction[np.array(pair), 0] * load,
             step_s=m.opt.timestep,
         )
 
-    @property
-    def slips(self) -> bool:
-        """Whether any of them needs to know the speed."""
-        return bool(np.isfinite(self.stiffness_n_per_rad).any())
+    def contact(self, speed_mps: Array, slip_mps: Array) -> tuple[Array, Array]:
+        """Impedance d and damping (1/s) of each wheel's contact, both (N, C, 4).
 
-    def contact(self, speed_mps: Array) -> tuple[Array, Array]:
-        """Impedance d and damping (1/s) of each wheel's contact at the speeds (N, C, 4), both (N, C, 4)."""
+        Args:
+            speed_mps: of the wheel over the road, v, (N, C, 4).
+            slip_mps: of the contact over the road, v_s, (N, C, 4).
+        """
         fastest = min(FASTEST_PER_S, 1 / self.step_s)
         m, spin = self.mass_kg, self.spin_mass_kg
         c = self.stiffness_n_per_rad / np.maximum(speed_mps, _LEAST_MPS)
+        c = np.minimum(c, self.grip_n / np.maximum(slip_mps, _LEAST_MPS))
         needed = (c / fastest - spin) / np.maximum(1 - c / (fastest * m), _LEAST)
         per_r = np.minimum(np.maximum(needed, ADDED_MASS * m), self._per_kg(HARDEST))
         b = np.minimum(c * (1 / per_r + 1 / m), fastest * (1 + spin / per_r))
