@@ -24,7 +24,7 @@ CRAWL_MPS = 0.02
 """Below this speed there is nothing to brake: torque against it starts the car backwards."""
 ROLLS_MPS = 0.1
 """Rolling resistance is all there from this speed on."""
-_DRIVEN = {"all": (0.25, 0.25, 0.25, 0.25), "front": (0.5, 0.5, 0, 0), "rear": (0, 0, 0.5, 0.5)}
+_DRIVE_SHARES = {"all": (0.25, 0.25, 0.25, 0.25), "front": (0.5, 0.5, 0, 0), "rear": (0, 0, 0.5, 0.5)}
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class BelievedCars:
         def column(name: str) -> Array:
             return np.array([getattr(s, name) for s in sheets], dtype=np.float64)
 
-        drive = np.array([_DRIVEN[s.drive] for s in sheets], dtype=np.float64)
+        drive = np.array([_DRIVE_SHARES[s.drive] for s in sheets], dtype=np.float64)
         front = column("brake_front_share")[:, None]
         return cls(
             wheelbase_m=column("wheelbase_m"),
@@ -154,9 +154,11 @@ def wheel_torques(speed_mps: Array, a_mps2: Array, believed: BelievedCars) -> tu
         believed: limits and sizes, (C,).
     """
     v, r = speed_mps, believed.wheel_radius_m
-    resistance = believed.drag_n_per_mps2 * v * np.abs(v) + believed.rolling_n * limit(v / ROLLS_MPS, 1.0)
+    moves = np.abs(v) > CRAWL_MPS
+    rolling = np.where(moves, believed.rolling_n * limit(v / ROLLS_MPS, 1.0), 0.0)
+    resistance = believed.drag_n_per_mps2 * v * np.abs(v) + rolling
     wanted = r * (believed.effective_mass_kg * a_mps2 + resistance)
-    braking = (wanted * v < 0) & (np.abs(v) > CRAWL_MPS)
+    braking = (wanted * v < 0) & moves
     powered = believed.power_limit_w * r / np.maximum(np.abs(v), CRAWL_MPS)
     most = np.where(braking, believed.brake_limit_n_m, np.minimum(believed.torque_limit_n_m, powered))
     given = limit(wanted, most)

@@ -131,7 +131,7 @@ class Mismatch(Frozen):
     friction: Annotated[float, Field(gt=0, le=2)] = 1.0
     """Coulomb friction between all tyres and the road, 1."""
     tyres: Tyre = "slip"
-    """Whether tyres push across only as they slip, with the car's cornering stiffness, or are ideally stiff."""
+    """Tyres with the cornering stiffness of their cars, or such that do not slip below the limit."""
     command_delay_s: Annotated[float, Field(ge=0, le=2)] = 0.0
     """Dead time of the ego's steering and drive commands, s."""
 

@@ -8,7 +8,7 @@ and the recorders rely on.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import ceil
@@ -32,6 +32,8 @@ with warnings.catch_warnings():  # dm_control looks for a window on import, and 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """Order of every wheel axis."""
 STEERED = WHEELS[:2]
+DRIVEN = {"all": (0, 1, 2, 3), "front": (0, 1), "rear": (2, 3)}
+"""Driven wheels by what a data sheet calls them."""
 DRIVE = tuple(f"drive_{w}" for w in WHEELS)
 BRAKE = tuple(f"brake_{w}" for w in WHEELS)
 STEER = tuple(f"steer_{w}" for w in STEERED)
@@ -46,8 +48,8 @@ NUMBERS = {
 """Custom numbers of every car, with how many each has: its truth where MJCF has no place for it."""
 RESISTANCE = "resistance"
 """Actuator that pushes a car back with the force of air and rolling resistance."""
-IMPRATIO = 0.005
-"""Of the world: low, so that the road stays hard under a tyre that slips; ``mjmerge.plant.tyre`` says more."""
+IMPRATIO = 0.01
+"""Of the world: low, so that the road stays hard under a tyre that slips; see ``mjmerge.plant.tyre``."""
 HARDEST = 0.9999
 """MuJoCo's largest impedance: that of the tyres of a car that stands."""
 SENSORS = {
@@ -222,8 +224,8 @@ def compose(
     if draw is not None:
         draw(root)
 
-    for car, name in models.items():
-        _add_car(root, car, share.model_folder(name), friction, (delays_s or {}).get(car, 0.0))
+    for (car, name), sheet in zip(models.items(), sheets, strict=True):
+        _add_car(root, car, share.model_folder(name), sheet, friction, (delays_s or {}).get(car, 0.0))
     names = tuple(models)
     for a, b in combinations(names, 2):
         root.sensor.add(
@@ -273,9 +275,11 @@ def _mark_lanes(root: mjcf.RootElement, scenario: Scenario) -> None:
             line(f"dash_{i}", begin + (i + 0.5) * width, (low + high) / 2, width / 3)
 
 
-def _add_car(root: mjcf.RootElement, car: str, folder: Path, friction: float, delay_s: float) -> None:
+def _add_car(
+    root: mjcf.RootElement, car: str, folder: Path, sheet: DataSheet, friction: float, delay_s: float
+) -> None:
     """Attaches a car under its role's name, paints it, frees it, and lets its tyres touch the road."""
-    model = _load_car(folder)
+    model = _load_car(folder, sheet)
     model.model = car
     model.find("material", "paint").rgba = _PAINT[car]
     frame = root.attach(model)
@@ -300,7 +304,7 @@ def _add_car(root: mjcf.RootElement, car: str, folder: Path, friction: float, de
                 actuator.nsample = ceil(delay_s / root.option.timestep - 1e-9)
 
 
-def _load_car(folder: Path) -> mjcf.RootElement:
+def _load_car(folder: Path, sheet: DataSheet) -> mjcf.RootElement:
     """A car's MJCF, checked for everything that is asked of it by name.
 
     Raises:
@@ -311,6 +315,7 @@ def _load_car(folder: Path) -> mjcf.RootElement:
         model = mjcf.from_path(str(file))
     except (OSError, ValueError, KeyError, AttributeError, SyntaxError) as error:  # lxml's is a SyntaxError
         raise ModelError(f"{file}: {error}") from error
+    motors = [DRIVE[i] for i in DRIVEN[sheet.drive]]
     wanted = (
         [("body", "chassis"), ("geom", "hull"), ("material", "paint")]
         + [("numeric", name) for name in NUMBERS]
@@ -319,7 +324,7 @@ def _load_car(folder: Path) -> mjcf.RootElement:
         + [("geom", f"tyre_{w}") for w in WHEELS]
         + [("joint", f"spin_{w}") for w in WHEELS]
         + [("joint", f"steer_{w}") for w in STEERED]
-        + [("actuator", name) for name in BRAKE + STEER + (RESISTANCE,)]
+        + [("actuator", name) for name in (*STEER, *motors, *BRAKE, RESISTANCE)]
         + [("sensor", name) for name in SENSORS]
     )
     problems = []
@@ -327,6 +332,22 @@ def _load_car(folder: Path) -> mjcf.RootElement:
         if model.find(kind, name) is None:
             have = [e.name for e in model.find_all(kind) if e.name]
             problems.append(f"{file}: no {kind} called {name!r}; {nearest(name, have)}")
+    for name in set(DRIVE) - set(motors):
+        if model.find("actuator", name) is not None:
+            problems.append(
+                f"{file}: there is a motor {name!r}, but datasheet.yaml says drive: {sheet.drive}"
+            )
+    for name, count in NUMBERS.items():
+        number = model.find("numeric", name)
+        given = [] if number is None else np.atleast_1d(number.data).tolist()
+        if number is not None and (len(given) != count or min(given) < 0):
+            expected = "one number that is" if count == 1 else f"{count} numbers that are"
+            problems.append(f"{file}: numeric {name!r} is {given}; expected {expected} not negative")
+    for body in model.find_all("body"):
+        if body.inertial is not None and not body.inertial.mass > 0:
+            problems.append(
+                f"{file}: body {body.name!r} has a mass of {body.inertial.mass}; expected above 0 kg"
+            )
     if problems:
         raise ModelError("\n".join(problems))
     return model
@@ -343,10 +364,44 @@ def _check_model(model: mujoco.MjModel, cars: tuple[str, ...], physics_step_s: f
     for name, value in wanted.items():
         if getattr(model.opt, name) != value:
             raise ModelError(f"the compiled world's option {name} is {getattr(model.opt, name)}, not {value}")
-    for car in cars:
-        for wheel in WHEELS:
-            tyre = model.geom(f"{car}/tyre_{wheel}")
-            if tyre.type[0] != mujoco.mjtGeom.mjGEOM_SPHERE:
-                raise ModelError(
-                    f"{car}: tyre_{wheel} is not a sphere; other shapes touch the road twice and scrub"
-                )
+    problems = [f"{car}: {problem}" for car in cars for problem in _car_problems(model, car)]
+    if problems:
+        raise ModelError("\n".join(problems))
+
+
+def _car_problems(model: mujoco.MjModel, car: str) -> Iterator[str]:
+    """What of a compiled car is not as the plant takes it to be."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    axles = {axle: data.site(f"{car}/{axle}_axle").xpos for axle in ("front", "rear")}
+    if not axles["front"][0] > axles["rear"][0]:
+        yield "the site front_axle is not ahead of rear_axle; expected x forward"
+    for wheel in WHEELS:
+        tyre, body = model.geom(f"{car}/tyre_{wheel}"), model.body(f"{car}/wheel_{wheel}")
+        if tyre.type[0] != mujoco.mjtGeom.mjGEOM_SPHERE:
+            shape = mujoco.mjtGeom(int(tyre.type[0])).name.removeprefix("mjGEOM_").lower()
+            yield (
+                f"tyre_{wheel} is a {shape}, not a sphere; expected a sphere of the wheel's radius, because "
+                "other shapes touch the road twice and scrub (a picture of the wheel may have any shape)"
+            )
+        if tyre.bodyid[0] != body.id:
+            yield f"tyre_{wheel} is not on the body wheel_{wheel}"
+        side = 1 if wheel.endswith("left") else -1
+        if not side * data.geom(f"{car}/tyre_{wheel}").xpos[1] > 0:
+            yield f"tyre_{wheel} is on the wrong side; expected y to the left"
+        moves = [("spin", 1, body.id)]
+        if wheel in STEERED:
+            moves.append(("steer", 2, int(body.parentid[0])))
+        for name, axis, on in moves:
+            joint = model.joint(f"{car}/{name}_{wheel}")
+            if joint.type[0] != mujoco.mjtJoint.mjJNT_HINGE or not joint.axis[axis] > 0.9:
+                yield f"joint {name}_{wheel} is expected to be a hinge about {'xyz'[axis]}"
+            if joint.bodyid[0] != on:
+                yield f"joint {name}_{wheel} is expected on the body {model.body(on).name.split('/')[-1]}"
+        for actuator, joint in (("drive", "spin"), ("brake", "spin"), ("steer", "steer")):
+            found = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{car}/{actuator}_{wheel}")
+            if found < 0:
+                continue
+            target = model.joint(int(model.actuator_trnid[found, 0])).name
+            if target != f"{car}/{joint}_{wheel}":
+                yield f"actuator {actuator}_{wheel} acts on {target}; expected {joint}_{wheel}"

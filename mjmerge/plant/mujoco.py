@@ -19,6 +19,8 @@ from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.world import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER, WHEELS, World
 
 _LOCKED_RADPS = 1.0  # a brake's full torque is reached from this wheel speed on
+_HELD_RADPS = 0.001  # the same of brakes that hold a car that stands
+_HELD_MPS2 = 0.01  # an acceleration that a car at rest does not start for
 _TILTED = 0.5  # cosine of the tilt beyond which a car is off its wheels: 60 degrees
 
 
@@ -86,6 +88,9 @@ class MuJoCo:
         self._motor_limit_w = (world.number("power_limit_w") / driven)[:, None]
         self._most_turn_rad = world.number("steer_rate_limit_radps")[:, None] * self._step_s
         weight_n = world.axle_mass_kg().sum(axis=1) * -model.opt.gravity[2]
+        self._brake_limit_n_m = model.actuator_forcerange[self._brake_at, 1]
+        self._radius_m = np.array([[model.geom(f"{car}/tyre_{w}").size[0] for w in WHEELS] for car in cars])
+        self._unmoved_n_m = _HELD_MPS2 * world.axle_mass_kg().sum(axis=1) * self._radius_m[:, 0]
         self._rolling_n = world.number("rolling_resistance") * weight_n
         self._drag_n_per_mps2 = AIR_KG_PER_M3 / 2 * world.number("drag_area_m2")
 
@@ -101,7 +106,6 @@ class MuJoCo:
         self._tyres = Tyres.of(world)
         self._yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
         self._wheels_m = world.wheels_m()
-        self._radius_m = np.array([[model.geom(f"{car}/tyre_{w}").size[0] for w in WHEELS] for car in cars])
         pairs = np.array([[model.pair(f"{car}_road_{w}").id for w in WHEELS] for car in cars])
         self._impedance = self.batch.expand("pair_solimp")
         self._damping = self.batch.expand("pair_solreffriction")
@@ -168,6 +172,8 @@ class MuJoCo:
     def _drive(self, torque_n_m: Array) -> None:
         """Torque along the car's motion goes to the motors; against it to the brakes, which only resist.
 
+        A car that stands and is asked for next to nothing holds its brakes.
+
         A brake is a damper whose coefficient gives that torque at the wheel's present speed, so that a wheel
         that locks stays locked instead of spinning backwards.
         """
@@ -179,8 +185,10 @@ class MuJoCo:
         torque = limit(torque_n_m, self._motor_limit_w / np.maximum(spin, _LOCKED_RADPS))
         car, wheel, at = self._motors
         self._ctrl[:, at] = np.where(driving, torque, 0.0)[:, car, wheel]
-        brake = np.abs(torque_n_m) / np.maximum(spin, _LOCKED_RADPS)
-        self._ctrl[:, self._brake_at] = np.where(braking, brake, 0.0)
+        brake = np.where(braking, np.abs(torque_n_m) / np.maximum(spin, _LOCKED_RADPS), 0.0)
+        held = (np.abs(v) <= CRAWL_MPS) & (np.abs(torque_n_m.sum(axis=-1)) < self._unmoved_n_m)
+        hold = self._brake_limit_n_m / np.maximum(spin, _HELD_RADPS)
+        self._ctrl[:, self._brake_at] = np.where(held[..., None], hold, brake)
         rolling = self._rolling_n * limit(v / ROLLS_MPS, 1.0)
         self._ctrl[:, self._resistance_at] = -(self._drag_n_per_mps2 * v * np.abs(v) + rolling)
 

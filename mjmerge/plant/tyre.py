@@ -1,27 +1,31 @@
 """Tyres: a wheel-road contact whose lateral force is proportional to the slip angle, at any speed.
 
-MuJoCo's friction is Coulomb with a viscous regime below the limit: on a contact that slips at v_s and accelerates
-at a, both along the force's direction, acts F = -(b v_s + a)/R, b being the damping of the friction rows (1/s) and
-R their regularisation (1/kg). A tyre's force is C alpha = (C/v) v_s, so with c = C/v, b must follow the car's speed
-v. Both numbers have closed forms (MuJoCo's documentation, "Solver parameters", for an impedance d that does not
-depend on depth):
+MuJoCo's friction is Coulomb with a viscous regime below the limit: on a contact that slips at v_s and
+accelerates at a, both along the force, acts F = -(b v_s + a)/R, b being the damping of the friction rows (1/s)
+and R their regularisation (1/kg). A tyre's force is C alpha = (C/v) v_s, so with c = C/v, b must follow the
+speed v. Both numbers have closed forms (MuJoCo's documentation, "Solver parameters", for an impedance d that
+does not depend on depth):
 
     R = (1 - d)/d A / impratio        b = damping/d
 
-with ``damping`` from the pair's ``solreffriction = (-1, -damping)`` and A the wheel's ``body_invweight0``. In a
-steady turn the contact accelerates with what stands on it, a = F/m, so that
+with ``damping`` from the pair's ``solreffriction = (-1, -damping)`` and A the wheel's ``body_invweight0``. In
+a steady turn the contact accelerates with what stands on it, a = F/m, so that
 
     b = c (R + 1/m)
 
 is a tyre of cornering stiffness C, without anything to measure or to fit. R is free, and is spent so that
 
 - 1/R, a mass that joins the car's in transients, is a small part of m: :data:`ADDED_MASS`;
-- the slip of a free-rolling wheel, of inertia J = I/r^2, decays no faster than a step of the physics can follow:
-  b R^-1 / (J + R^-1) <= :data:`FASTEST_PER_S`. Towards standstill c grows, and 1/R grows with it, up to the hardest
-  contact there is. That is the floor on the speed, and the whole of the ideal tyre.
+- the slip of a free-rolling wheel, of inertia J = I/r^2, decays no faster than a step of the physics can
+  follow: (b/R)/(J + 1/R) <= :data:`FASTEST_PER_S`. Towards standstill c grows, and 1/R grows with it, up to
+  the hardest contact there is. That is the floor on the speed, and the whole of the ideal tyre.
 
-One pair has one damping and one R for both directions of the road: the longitudinal slip stiffness of a tyre is its
-cornering stiffness (N per unit of slip), and combined slip saturates on a circle of radius mu N.
+Beyond mu N the contact slides by itself. But in MuJoCo's convex contact what a sliding contact asks for in
+vain pushes the wheel off the road, and it hops; so a tyre that slides asks for :data:`OUT_OF_REACH` times its
+static grip at most.
+
+One pair has one damping and one R for both directions along the road: the longitudinal slip stiffness of a
+tyre is its cornering stiffness (N per unit of slip), and combined slip saturates on a circle of radius mu N.
 """
 
 from __future__ import annotations

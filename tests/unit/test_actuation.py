@@ -52,8 +52,14 @@ def test_commands_stay_within_the_limits_whatever_is_wanted(state, u):
     controls = actuate(state, u, LIMITED, EPS_V, H)
     v = state.speed_mps[..., None]
     braking = (controls.torque_n_m * v < 0) & (np.abs(v) > CRAWL_MPS)
-    brake = SHEET.brake_torque_limit_n_m / 2 * np.array([SHEET.brake_front_share] * 2 + [1 - SHEET.brake_front_share] * 2)
-    assert (np.abs(controls.torque_n_m) <= np.where(braking, brake, SHEET.torque_limit_n_m) * (1 + 1e-12)).all()
+    brake = (
+        SHEET.brake_torque_limit_n_m
+        / 2
+        * np.array([SHEET.brake_front_share] * 2 + [1 - SHEET.brake_front_share] * 2)
+    )
+    assert (
+        np.abs(controls.torque_n_m) <= np.where(braking, brake, SHEET.torque_limit_n_m) * (1 + 1e-12)
+    ).all()
     power = np.where(braking, 0, controls.torque_n_m * v / SHEET.wheel_radius_m).sum(axis=-1)
     assert power.max() <= SHEET.power_limit_w * (1 + 1e-12)
     assert np.abs(controls.steer_rad).max() <= SHEET.steer_limit_rad
