@@ -87,6 +87,9 @@ class Identification:
         model: the model's name.
         sheet: its data sheet.
         table: what was measured, row by row.
+        loads_n: of the wheels at rest, (4,).
+        still: parked, on the flat and on slopes.
+        steps: steps of the torque.
         turns: steady turns over speed and lateral acceleration.
         coasting: coasting down.
         braking: full braking to a stop.
@@ -97,6 +100,9 @@ class Identification:
     model: str
     sheet: DataSheet
     table: tuple[Measured, ...]
+    loads_n: Array
+    still: Log
+    steps: Log
     turns: SteadyTurns
     coasting: Log
     braking: Log
@@ -140,7 +146,19 @@ def identify(model: str, progress: Progress | None = None) -> Identification:
         *_limits(sheet, braking, ramp),
         *_steering(sheet, step),
     )
-    return Identification(model, sheet, table, turns, coasting, braking, ramp, step)
+    return Identification(
+        model=model,
+        sheet=sheet,
+        table=table,
+        loads_n=loads_n,
+        still=still,
+        steps=steps,
+        turns=turns,
+        coasting=coasting,
+        braking=braking,
+        ramp=ramp,
+        step=step,
+    )
 
 
 def read_turns(sheet: DataSheet, log: Log) -> SteadyTurns:

@@ -21,8 +21,8 @@ TURNS_G = np.array([0.1, 0.2, 0.3])
 STEPS_G = np.array([-0.1, -0.05, 0.0, 0.05, 0.1])
 """Accelerations asked for by torque."""
 
-_MOST_STEER_RAD = 0.15  # in a steady turn: beyond it two tracks are no longer one
-_SETTLED = 10.0  # of the slowest time constants, before a turn counts as steady
+_MOST_STEER_RAD = 0.1  # in a steady turn: beyond it two tracks are no longer one
+_SETTLED = 7.0  # of the slowest time constants, before a turn counts as steady
 _KNEE = 1.5  # a ramp goes this far beyond the angle at which the tyres should saturate
 
 
@@ -105,7 +105,7 @@ def steady_turns(
     least = gentler.reshape(len(speeds), -1).min(axis=1, keepdims=True)
     steer = steer * np.minimum(np.broadcast_to(least, (len(speeds), len(turns_g))).ravel(), 1.0)
     settled = settling_s(sheet, float(speeds.max()))
-    return turn(world, v, side * steer, 1.5 * settled).between(settled, np.inf)
+    return turn(world, v, side * steer, 1.2 * settled).between(settled, np.inf)
 
 
 def brake(world: World, speeds: Array | None = None) -> Log:
@@ -117,7 +117,7 @@ def brake(world: World, speeds: Array | None = None) -> Log:
         del time_s, cars
         return np.full(len(speed), -3 * G_MPS2), np.zeros(len(speed))
 
-    return drive(world, driver, float(2.0 * speed.max() / G_MPS2 / friction(world)), speed, tick_s=0.002)
+    return drive(world, driver, float(2.0 * speed.max() / G_MPS2 / friction(world)), speed)
 
 
 def steer_ramp(world: World, side: float = 1.0) -> Log:
@@ -127,7 +127,7 @@ def steer_ramp(world: World, side: float = 1.0) -> Log:
     speed = np.array([5.0, 6.0]) * scale.speed_mps * np.sqrt(mu)
     most = np.arctan(sheet.wheelbase_m * mu * G_MPS2 / speed**2) + 2 * mu * compliance_rad(sheet)[0]
     most = np.minimum(_KNEE * most, 0.95 * sheet.steer_limit_rad)
-    rising_s = 40 * scale.time_s
+    rising_s = 30 * scale.time_s
 
     def driver(time_s: float, cars: Cars) -> tuple[Array, Array]:
         del cars

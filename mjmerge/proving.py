@@ -80,7 +80,7 @@ def drive(
     gravity_mps2: Array | None = None,
     tick_s: float = TICK_S,
     coasting: bool = False,
-    threads: int = 0,
+    threads: int = 1,
 ) -> Log:
     """Drives a manoeuvre.
 
