@@ -25,7 +25,7 @@ def ahead(a_mps2):
 
 
 def test_straight_ahead_stays_straight(world, sheet):
-    """The speed drifts by what the road load is over-compensated with: the tyres sink, 0.2 % of their radius."""
+    """The speed drifts as the road load is compensated a little too well: the tyres sink by 0.4 %."""
     speeds = Scale.of(sheet).speed_mps * np.array([0.5, 1.0, 3.0, 5.5])
     log = drive(world, ahead(0.0), 5.0, speeds)
     assert np.abs(log.y_m).max() < 1e-9
