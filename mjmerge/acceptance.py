@@ -44,7 +44,7 @@ class Measured:
         """Whether it is within its tolerance; ``None`` where nothing is asked."""
         if self.expected is None or self.tolerance is None:
             return None
-        return abs(self.measured - self.expected) <= self.tolerance  # not for NaN
+        return bool(abs(self.measured - self.expected) <= self.tolerance)  # not for NaN
 
     @property
     def off(self) -> float | None:

@@ -1,4 +1,4 @@
-"""`mjmerge identify` as other programs rely on it: exit codes, one JSON object, its folder, what it stores."""
+"""`mjmerge identify` as other programs rely on it: exit codes, one JSON object, its folder, what it keeps."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 
+import numpy as np
 import pytest
 
 from mjmerge import share
@@ -36,6 +37,11 @@ def folder(tmp_path):
 )
 def test_a_row_passes_within_its_tolerance_and_not_without_a_number(row, passed):
     assert row.passed is passed
+
+
+def test_a_row_of_numpy_numbers_fails_like_any_other():
+    row = Measured("mass", "kg", np.float64(2.0), np.float64(1.0), np.float64(0.1), "scales")
+    assert row.passed is False
 
 
 def test_how_far_off_is_a_part_of_what_was_expected():
