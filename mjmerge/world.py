@@ -48,7 +48,7 @@ NUMBERS = {
 """Custom numbers of every car, with how many each has: its truth where MJCF has no place for it."""
 RESISTANCE = "resistance"
 """Actuator that pushes a car back with the force of air and rolling resistance."""
-IMPRATIO = 0.01
+IMPRATIO = 0.012
 """Of the world: low, so that the road stays hard under a tyre that slips; see ``mjmerge.plant.tyre``."""
 HARDEST = 0.9999
 """MuJoCo's largest impedance: that of the tyres of a car that stands."""

@@ -19,7 +19,7 @@ from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.world import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER, WHEELS, World
 
 _LOCKED_RADPS = 1.0  # a brake's full torque is reached from this wheel speed on
-_HELD_RADPS = 0.001  # the same of brakes that hold a car that stands
+_HELD_RADPS = 0.0002  # the same of brakes that hold a car that stands
 _HELD_MPS2 = 0.01  # an acceleration that a car at rest does not start for
 _TILTED = 0.5  # cosine of the tilt beyond which a car is off its wheels: 60 degrees
 

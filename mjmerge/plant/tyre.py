@@ -1,10 +1,10 @@
 """Tyres: a wheel-road contact whose lateral force is proportional to the slip angle, at any speed.
 
 MuJoCo's friction is Coulomb with a viscous regime below the limit: on a contact that slips at v_s and
-accelerates at a, both along the force, acts F = -(b v_s + a)/R, b being the damping of the friction rows (1/s)
-and R their regularisation (1/kg). A tyre's force is C alpha = (C/v) v_s, so with c = C/v, b must follow the
-speed v. Both numbers have closed forms (MuJoCo's documentation, "Solver parameters", for an impedance d that
-does not depend on depth):
+accelerates at a, both along the force, acts F = -(b v_s + a)/R, with b the damping of the friction rows (1/s)
+and R their regularisation (1/kg). A tyre's force is C alpha = (C/v) v_s, so with c = C/v, b follows the speed
+v. Both numbers have closed forms (MuJoCo's documentation, "Solver parameters", for an impedance d that does
+not depend on depth):
 
     R = (1 - d)/d A / impratio        b = damping/d
 
