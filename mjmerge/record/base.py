@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -38,6 +38,7 @@ class Header:
         world_xml: the MJCF it was compiled from.
         versions: package name to version.
         control_step_s: simulated time between ticks, s.
+        acceptance: what is known of each physical car model's acceptance tests, by its name.
     """
 
     scenario: Scenario
@@ -48,6 +49,7 @@ class Header:
     world_xml: str
     versions: Mapping[str, str]
     control_step_s: float
+    acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

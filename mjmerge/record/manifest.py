@@ -64,6 +64,7 @@ def manifest(header: Header) -> dict[str, Any]:
         "seed": header.seed,
         "control_step_s": header.control_step_s,
         "versions": dict(header.versions),
+        "acceptance": dict(header.acceptance),
         "conventions": CONVENTIONS,
         "columns": columns,
     }
