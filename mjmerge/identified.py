@@ -32,6 +32,7 @@ FILES = (
 """All that is written; ``table.md`` comes last and marks the folder as complete."""
 
 _FRONT, _REAR, _MODEL = "#2c61bf", "#d97321", "#999999"
+_SMOOTH = 20  # samples of the line drawn through lateral acceleration
 _WORDS = {True: "yes", False: "NO", None: ""}
 
 
@@ -140,9 +141,17 @@ def handling(found: Identification) -> Figure:
     left.legend(loc="upper left", frameon=False)
     ahead_m = found.sheet.wheelbase_m - found.sheet.com_behind_front_axle_m
     ramp = found.ramp
-    for i, v in enumerate(ramp.speed_mps[:, 0]):
-        a = ramp.lateral_mps2(ahead_m)[i] / G_MPS2
-        right.plot(np.degrees(ramp.steer_rad[i]), a, linewidth=1.2, label=f"{v:.3g} m/s")
+    for a, steer, v, colour in zip(
+        ramp.lateral_mps2(ahead_m) / G_MPS2,
+        ramp.steer_rad,
+        ramp.speed_mps[:, 0],
+        (_FRONT, _REAR),
+        strict=True,
+    ):
+        right.plot(np.degrees(steer), a, color=colour, linewidth=0.5, alpha=0.35)
+        mean = np.convolve(a, np.full(_SMOOTH, 1 / _SMOOTH), "valid")
+        middle = steer[_SMOOTH // 2 :][: len(mean)]
+        right.plot(np.degrees(middle), mean, color=colour, label=f"{v:.3g} m/s")
     right.axhline(FRICTION, color=LINE, linewidth=1, label=r"$\mu g$")
     right.set_xlabel("steering angle, slowly raised (deg)")
     right.set_ylabel("lateral acceleration (g)")
@@ -171,9 +180,9 @@ def longitudinal(found: Identification) -> Figure:
     right.set_ylabel("speed (m/s)")
     right.set_xlim(left=0)
     right.set_title("full braking", loc="right", fontsize="small")
-    for panel in (left, right):
+    for panel, place in ((left, "lower left"), (right, "upper right")):
         panel.set_ylim(bottom=0)
-        panel.legend(loc="lower left", frameon=False)
+        panel.legend(loc=place, frameon=False)
     return figure
 
 
@@ -187,6 +196,7 @@ def steering(found: Identification) -> Figure:
         panel.set_xlabel("time (s)")
         panel.set_ylabel("steering angle (deg)")
         panel.set_title(name, loc="right", fontsize="small")
+    panels[0].set_xlim(0, 8 * found.sheet.steer_lag_s)
     panels[0].axvline(found.sheet.steer_lag_s, color=LINE, linewidth=1, label="63 % by the data sheet")
     panels[0].axhline(0.632 * np.degrees(step.steer_command_rad[0, -1]), color=LINE, linewidth=0.5)
     rate, end = found.sheet.steer_rate_limit_radps, step.steer_command_rad[1, -1]
