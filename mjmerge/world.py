@@ -50,6 +50,8 @@ RESISTANCE = "resistance"
 """Actuator that pushes a car back with the force of air and rolling resistance."""
 IMPRATIO = 0.012
 """Of the world: low, so that the road stays hard under a tyre that slips; see ``mjmerge.plant.tyre``."""
+LONGEST_STEP_S = 0.002
+"""Of the physics, with tyres that slip; at 0.004 s a car's path is wrong by metres."""
 HARDEST = 0.9999
 """MuJoCo's largest impedance: that of the tyres of a car that stands."""
 SENSORS = {
@@ -202,8 +204,13 @@ def compose(
         draw: adds to the picture of the road.
 
     Raises:
-        ModelError: a car model lacks something, or the composition lost an option.
+        ModelError: a car model lacks something, the step is too long, or the composition lost an option.
     """
+    if tyres == "slip" and physics_step_s > LONGEST_STEP_S:
+        raise ModelError(
+            f"physics_step_s is {physics_step_s}; tyres that slip need {LONGEST_STEP_S} or less "
+            "(mismatch.tyres: ideal needs no such bound)"
+        )
     root = mjcf.RootElement(model="mjmerge")
     root.compiler.angle = "radian"
     root.compiler.autolimits = True

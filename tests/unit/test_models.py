@@ -181,3 +181,11 @@ def test_a_model_without_its_mjcf_is_refused_with_the_file(tmp_path):
 )
 def test_an_mjcf_that_is_none_is_an_error_of_the_model_and_not_a_traceback(car, change):
     assert refused(car(change))
+
+
+def test_a_step_that_the_tyres_cannot_follow_is_refused_with_the_longest():
+    too_long = ["physics_step_s=0.005"]
+    said = refused(load("paper", too_long))
+    assert "physics_step_s is 0.005" in said
+    assert "0.002 or less" in said
+    assert build(load("paper", [*too_long, "mismatch.tyres=ideal"])).model.opt.timestep == 0.005
