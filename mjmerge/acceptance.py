@@ -1,7 +1,8 @@
 """Whether a car model has been measured and found sound: a table beside it, and what it is a table of.
 
-``models/<name>/acceptance.json`` is written by ``mjmerge identify NAME --accept`` and read into the provenance of
-every run. It holds a hash over the files that make the car, so a car that was edited since says so.
+``models/<name>/acceptance.json`` is written by ``mjmerge identify NAME --accept`` and read into the
+provenance of every run. It holds a hash over the files that make the car, so a car that was edited since
+says so.
 """
 
 from __future__ import annotations

@@ -186,8 +186,10 @@ def _identify(args: Identify) -> int:
     from mjmerge.identify import identify
     from mjmerge.record.manifest import versions
     from mjmerge.run import prepare
+    from mjmerge.world import single
 
     place = share.model_folder(args.model)
+    single(args.model)  # a bad car is refused before anything is written
     folder = args.out or Path("identified") / place.name
     replaced = prepare(folder, args.out is None, identified.FILES)
     with _progress(1.0, "driving") as progress:

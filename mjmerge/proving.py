@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from mjmerge.actuation import BelievedCars, command
+from mjmerge.errors import ModelError
 from mjmerge.plant.mujoco import MuJoCo
 from mjmerge.state import Array, Cars
 from mjmerge.world import WHEELS, World
@@ -95,6 +96,9 @@ def drive(
         coasting: whether the torques are zero whatever the driver asks, without the compensation of the
             road load.
         threads: for the physics, 0 for all cores.
+
+    Raises:
+        ModelError: it ends off its wheels, or nowhere.
     """
     runs = len(speed_mps)
     heading = np.zeros(runs) if heading_rad is None else heading_rad
@@ -127,6 +131,10 @@ def drive(
         )
         if tick < ticks:
             plant.step(controls, running)
+    if faults := plant.faults():
+        raise ModelError(
+            f"the car does not survive a drive from {speed_mps[faults[0].run]:.3g} m/s: {faults[0].reason}"
+        )
     columns = {name: np.stack([row[name] for row in rows], axis=1) for name in rows[0]}
     columns["heading_rad"] = np.unwrap(columns["heading_rad"], axis=1)
     return Log(time_s=tick_s * np.arange(ticks + 1, dtype=np.float64), **columns)

@@ -71,3 +71,15 @@ def test_bad_input_ends_with_2_before_anything_is_driven(capsys, tmp_path, args,
     assert code == 2
     assert says in err
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
+
+
+def test_a_car_without_a_wheel_is_refused_by_name_and_leaves_nothing_behind(capsys, tmp_path):
+    shutil.copytree(share.folder("models"), tmp_path / "models")
+    car = tmp_path / "models" / "rc"
+    text = (car / "rc.xml").read_text()
+    assert text.count('name="tyre_rear_left"') == 1
+    (car / "rc.xml").write_text(text.replace('name="tyre_rear_left"', 'name="tyre_rear_lift"'))
+    code, _, err = identify(capsys, str(car))
+    assert code == 2
+    assert "did you mean 'tyre_rear_left'?" in err or "tyre_rear_left" in err
+    assert not (tmp_path / "identified").exists()

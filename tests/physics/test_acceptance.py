@@ -6,10 +6,14 @@ positions, not from the data sheet, wherever the two could differ.
 
 from __future__ import annotations
 
+import json
+
 import mujoco
 import numpy as np
 import pytest
 
+from mjmerge import share
+from mjmerge.acceptance import FILE, acceptance
 from mjmerge.actuation import AIR_KG_PER_M3
 from mjmerge.identify import (
     braking_distance_m,
@@ -117,3 +121,11 @@ def test_the_understeer_gradient_is_that_of_the_axles(found, world, truth):
 def test_identify_finds_nothing_amiss(found):
     assert [row for row in found.table if row.passed is False] == []
     assert sum(row.passed is True for row in found.table) >= 20
+
+
+def test_what_is_stored_beside_the_model_is_of_this_car_and_passed(car, found):
+    """Of a shipped car; after editing it: `mjmerge identify NAME --accept`."""
+    folder = share.model_folder(car)
+    stored = json.loads((folder / FILE).read_text(encoding="utf-8"))
+    assert acceptance(folder).state == "passed"
+    assert [row["name"] for row in stored["table"]] == [row.name for row in found.table]
