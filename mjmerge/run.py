@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mjmerge import share
+from mjmerge.acceptance import Acceptance, acceptance
 from mjmerge.contract import Verdict, judge
 from mjmerge.errors import OutputError
 from mjmerge.loader import dump
@@ -18,7 +20,7 @@ from mjmerge.phases import phases
 from mjmerge.plant import check
 from mjmerge.record import FORMATS, Header, Outcome, Recording, versions
 from mjmerge.report import figure, summary, worst_run
-from mjmerge.scenario import Scenario
+from mjmerge.scenario import CARS, Scenario
 from mjmerge.simulate import simulate
 from mjmerge.trace import Trace
 from mjmerge.world import World, build
@@ -117,6 +119,7 @@ def run(
         found = summary(trace, verdicts, time.perf_counter() - began)
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
+        found |= _on_cars(found["verdict_reason"], _accepted(scenario, plant))
         if recording is not None:
             recording.close(_outcome(trace, verdicts[0], found))
     failures = recording.failures if recording is not None else []
@@ -128,6 +131,23 @@ def run(
         figure(trace, folder / "figure.png", worst)
         (folder / "summary.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
     return Run(trace, verdicts, found, failures, replaced)
+
+
+def _accepted(scenario: Scenario, plant: str) -> list[Acceptance]:
+    """What is known of the physical car models that a run is about; nothing where there are none."""
+    names = dict.fromkeys(getattr(scenario.models, car) for car in CARS) if plant == "mujoco" else {}
+    return [acceptance(share.model_folder(name)) for name in names]
+
+
+def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
+    """The same as JSON, by the model's name."""
+    return {c.model: {"state": c.state, "failed": c.failed, "versions": dict(c.versions)} for c in cars}
+
+
+def _on_cars(reason: str, cars: Sequence[Acceptance]) -> dict[str, Any]:
+    """The part of the summary that says what its verdict stands on."""
+    doubts = [car.sentence for car in cars if car.sentence]
+    return {"verdict_reason": "; but ".join([reason, *doubts]), "acceptance": _provenance(cars)}
 
 
 def _recording(
@@ -144,6 +164,7 @@ def _recording(
         versions=versions(),
         control_step_s=scenario.control_step_s,
         continuous=continuous,
+        acceptance=_provenance(_accepted(scenario, plant)),
     )
     return Recording(folder, header, FORMATS)
 
@@ -156,7 +177,9 @@ def _record_again(folder: Path, trace: Trace, run: int, world: World | None) -> 
             scenario, trace.plant, seed=seed, world=world, sink=recording, continuous=trace.continuous
         )
         (verdict,) = judge(alone)
-        recording.close(_outcome(alone, verdict, summary(alone, [verdict], 1.0)))
+        found = summary(alone, [verdict], 1.0)
+        found |= _on_cars(found["verdict_reason"], _accepted(scenario, trace.plant))
+        recording.close(_outcome(alone, verdict, found))
     return recording.failures
 
 

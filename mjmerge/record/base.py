@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -40,6 +40,7 @@ class Header:
         versions: package name to version.
         control_step_s: simulated time between ticks, s.
         continuous: whether law and plant were one differential equation.
+        acceptance: what is known of each physical car model's acceptance tests, by its name.
     """
 
     scenario: Scenario
@@ -51,6 +52,7 @@ class Header:
     versions: Mapping[str, str]
     control_step_s: float
     continuous: bool = False
+    acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,7 @@ def manifest(header: Header) -> dict[str, Any]:
         "control_step_s": header.control_step_s,
         "continuous": header.continuous,
         "versions": dict(header.versions),
+        "acceptance": dict(header.acceptance),
         "conventions": CONVENTIONS,
         "columns": columns,
     }
