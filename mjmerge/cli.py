@@ -305,6 +305,7 @@ def _list(args: List) -> int:
     from rich.console import Console
     from rich.table import Table
 
+    from mjmerge.acceptance import acceptance
     from mjmerge.drivers import kinds
     from mjmerge.law import VARIANTS
     from mjmerge.loader import data_sheet, load
@@ -313,9 +314,13 @@ def _list(args: List) -> int:
     def first_line(text: str | None) -> str:
         return (text or "").strip().splitlines()[0]
 
+    def described(name: str, folder: Path) -> str:
+        state = acceptance(folder).state
+        return f"{data_sheet(name).description} (acceptance tests: {state})"
+
     what: dict[str, Callable[[], dict[str, str]]] = {
         "scenarios": lambda: {name: load(name).description for name in share.scenarios()},
-        "models": lambda: {name: data_sheet(name).description for name in share.models()},
+        "models": lambda: {name: described(name, folder) for name, folder in share.models().items()},
         "laws": lambda: VARIANTS,
         "drivers": lambda: {name: first_line(cls.__doc__) for name, cls in sorted(kinds().items())},
         "plants": lambda: PLANTS,

@@ -16,13 +16,13 @@ from mjmerge.world import World
 
 SPEEDS = np.array([0.97, 1.5, 2.3, 3.2, 4.4, 5.83])
 """Of the steady turns, as parts of sqrt(g L): 5 to 30 m/s for a wheelbase of 2.7 m."""
-TURNS_G = np.array([0.1, 0.2, 0.3])
+TURNS_G = np.array([0.1, 0.3])
 """Lateral accelerations of the steady turns."""
 STEPS_G = np.array([-0.1, -0.05, 0.0, 0.05, 0.1])
 """Accelerations asked for by torque."""
 
 _MOST_STEER_RAD = 0.1  # in a steady turn: beyond it two tracks are no longer one
-_SETTLED = 7.0  # of the slowest time constants, before a turn counts as steady
+_SETTLED = 5.0  # of the slowest time constants, before a turn counts as steady
 _KNEE = 1.5  # a ramp goes this far beyond the angle at which the tyres should saturate
 
 
@@ -105,7 +105,7 @@ def steady_turns(
     least = gentler.reshape(len(speeds), -1).min(axis=1, keepdims=True)
     steer = steer * np.minimum(np.broadcast_to(least, (len(speeds), len(turns_g))).ravel(), 1.0)
     settled = settling_s(sheet, float(speeds.max()))
-    return turn(world, v, side * steer, 1.2 * settled).between(settled, np.inf)
+    return turn(world, v, side * steer, 1.1 * settled).between(settled, np.inf)
 
 
 def brake(world: World, speeds: Array | None = None) -> Log:
