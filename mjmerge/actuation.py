@@ -17,7 +17,14 @@ from mjmerge.loader import car_sheets
 from mjmerge.scenario import Scenario
 from mjmerge.state import Array, Cars, Controls, limit
 
-_DRIVEN = {"all": (1, 1, 1, 1), "front": (1, 1, 0, 0), "rear": (0, 0, 1, 1)}
+AIR_KG_PER_M3 = 1.2
+"""Density of air."""
+_G_MPS2 = 9.81
+CRAWL_MPS = 0.02
+"""Below this speed there is nothing to brake: torque against it starts the car backwards."""
+ROLLS_MPS = 0.1
+"""Rolling resistance is all there from this speed on."""
+_DRIVE_SHARES = {"all": (0.25, 0.25, 0.25, 0.25), "front": (0.5, 0.5, 0, 0), "rear": (0, 0, 0.5, 0.5)}
 
 
 @dataclass(frozen=True)
@@ -26,33 +33,48 @@ class BelievedCars:
 
     wheelbase_m: Array
     track_m: Array
-    torque_per_acceleration: Array
-    """Torque of one driven wheel per commanded acceleration, m_eff r_w / n, N m s^2/m."""
+    effective_mass_kg: Array
+    wheel_radius_m: Array
+    rolling_n: Array
+    """Rolling resistance, N."""
+    drag_n_per_mps2: Array
+    """Drag over speed squared, N s^2/m^2."""
     torque_limit_n_m: Array
+    """Of all driven wheels together."""
+    power_limit_w: Array
+    brake_limit_n_m: Array
+    """Of all wheels together."""
     steer_limit_rad: Array
     steer_rate_limit_radps: Array
-    driven: Array
-    """1 for a driven wheel, (C, 4)."""
+    drive_shares: Array
+    """Part of the drive torque that each wheel gets, (C, 4)."""
+    brake_shares: Array
+    """Part of the brake torque that each wheel gets, (C, 4)."""
 
     @classmethod
     def of(cls, sheets: Sequence[DataSheet], *, limited: bool) -> BelievedCars:
         """From one data sheet per car; without limits where the plant knows none."""
         no_limit = 1.0 if limited else np.inf
 
-        def column(values: list[float]) -> Array:
-            return np.array(values, dtype=np.float64)
+        def column(name: str) -> Array:
+            return np.array([getattr(s, name) for s in sheets], dtype=np.float64)
 
-        driven = np.array([_DRIVEN[s.drive] for s in sheets], dtype=np.float64)
+        drive = np.array([_DRIVE_SHARES[s.drive] for s in sheets], dtype=np.float64)
+        front = column("brake_front_share")[:, None]
         return cls(
-            wheelbase_m=column([s.wheelbase_m for s in sheets]),
-            track_m=column([s.track_m for s in sheets]),
-            torque_per_acceleration=column(
-                [s.effective_mass_kg * s.wheel_radius_m / sum(_DRIVEN[s.drive]) for s in sheets]
-            ),
-            torque_limit_n_m=no_limit * column([s.torque_limit_n_m for s in sheets]),
-            steer_limit_rad=no_limit * column([s.steer_limit_rad for s in sheets]),
-            steer_rate_limit_radps=no_limit * column([s.steer_rate_limit_radps for s in sheets]),
-            driven=driven,
+            wheelbase_m=column("wheelbase_m"),
+            track_m=column("track_m"),
+            effective_mass_kg=column("effective_mass_kg"),
+            wheel_radius_m=column("wheel_radius_m"),
+            rolling_n=column("rolling_resistance") * column("mass_kg") * _G_MPS2,
+            drag_n_per_mps2=AIR_KG_PER_M3 / 2 * column("drag_area_m2"),
+            torque_limit_n_m=no_limit * column("torque_limit_n_m") / drive.max(axis=1),
+            power_limit_w=no_limit * column("power_limit_w"),
+            brake_limit_n_m=no_limit * column("brake_torque_limit_n_m"),
+            steer_limit_rad=no_limit * column("steer_limit_rad"),
+            steer_rate_limit_radps=no_limit * column("steer_rate_limit_radps"),
+            drive_shares=drive,
+            brake_shares=np.concatenate([front, front, 1 - front, 1 - front], axis=1) / 2,
         )
 
 
@@ -67,7 +89,7 @@ def actuate(cars: Cars, u_mps2: Array, believed: BelievedCars, eps_v_mps: float,
     """What to command over the next control step.
 
     The steering command moves from the angle last commanded at omega, so a lagging servo is not asked
-    twice; torque is m_eff a r_w shared by the driven wheels, negative when braking.
+    twice; for the torque see :func:`wheel_torques`.
 
     Args:
         cars: motion of all cars, (N, C).
@@ -84,18 +106,64 @@ def actuate(cars: Cars, u_mps2: Array, believed: BelievedCars, eps_v_mps: float,
     steer = cars.steer_command_rad + limit(omega, rate) * step_s
     steer = limit(steer, believed.steer_limit_rad)
 
-    torque_wanted = believed.torque_per_acceleration * a
-    torque = limit(torque_wanted, believed.torque_limit_n_m)
+    torque, torque_clipped = wheel_torques(cars.speed_mps, a, believed)
     return Controls(
         u_mps2=u_mps2,
         a_mps2=a,
         omega_radps=omega,
         steer_rad=steer,
         wheel_steer_rad=ackermann(steer, believed.wheelbase_m, believed.track_m),
-        torque_n_m=torque[..., None] * believed.driven,
-        torque_clipped_n_m=(torque_wanted - torque) * believed.driven.sum(axis=-1),
+        torque_n_m=torque,
+        torque_clipped_n_m=torque_clipped,
         steer_clipped_rad=steer_wanted - steer,
     )
+
+
+def command(cars: Cars, a_mps2: Array, steer_rad: Array, believed: BelievedCars) -> Controls:
+    """Controls for an acceleration and a steering angle, as of a test driver: no law, no rate limit.
+
+    Args:
+        cars: motion of all cars, (N, C).
+        a_mps2: wanted acceleration along the car, (N, C).
+        steer_rad: wanted angle of the equivalent bicycle, (N, C).
+        believed: limits and sizes, (C,).
+    """
+    torque, torque_clipped = wheel_torques(cars.speed_mps, a_mps2, believed)
+    steer = limit(steer_rad, believed.steer_limit_rad)
+    return Controls(
+        u_mps2=np.full((*steer.shape, 2), np.nan),
+        a_mps2=a_mps2,
+        omega_radps=np.full(steer.shape, np.nan),
+        steer_rad=steer,
+        wheel_steer_rad=ackermann(steer, believed.wheelbase_m, believed.track_m),
+        torque_n_m=torque,
+        torque_clipped_n_m=torque_clipped,
+        steer_clipped_rad=steer_rad - steer,
+    )
+
+
+def wheel_torques(speed_mps: Array, a_mps2: Array, believed: BelievedCars) -> tuple[Array, Array]:
+    """Torque of each wheel for an acceleration, (N, C, 4), and what is missing of their sum, (N, C).
+
+    The torque is r_w (m_eff a + resistance): drive torque, on the driven wheels, if it is along the motion,
+    limited by torque and by power; brake torque, on all wheels, if it is against it.
+
+    Args:
+        speed_mps: v_r, (N, C).
+        a_mps2: wanted acceleration, (N, C).
+        believed: limits and sizes, (C,).
+    """
+    v, r = speed_mps, believed.wheel_radius_m
+    moves = np.abs(v) > CRAWL_MPS
+    rolling = np.where(moves, believed.rolling_n * limit(v / ROLLS_MPS, 1.0), 0.0)
+    resistance = believed.drag_n_per_mps2 * v * np.abs(v) + rolling
+    wanted = r * (believed.effective_mass_kg * a_mps2 + resistance)
+    braking = (wanted * v < 0) & moves
+    powered = believed.power_limit_w * r / np.maximum(np.abs(v), CRAWL_MPS)
+    most = np.where(braking, believed.brake_limit_n_m, np.minimum(believed.torque_limit_n_m, powered))
+    given = limit(wanted, most)
+    shares = np.where(braking[..., None], believed.brake_shares, believed.drive_shares)
+    return given[..., None] * shares, wanted - given
 
 
 def ackermann(steer_rad: Array, wheelbase_m: Array, track_m: Array) -> Array:

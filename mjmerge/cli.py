@@ -89,6 +89,20 @@ class Survey:
 
 
 @dataclass(frozen=True)
+class Identify:
+    """Measure a car model by driving it, against its data sheet. Exit code 0: all holds; 1: not all."""
+
+    model: Annotated[str, tyro.conf.Positional]
+    """Name of a shipped model (see `mjmerge list models`), or the path of its folder."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for table and plots; by default identified/<model>, where an earlier one makes way."""
+    accept: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Also store the table beside the model, where every run finds whether its cars were accepted."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
 class List:
     """List what there is: scenarios, models, laws, drivers and plants, with a line on each."""
 
@@ -234,6 +248,37 @@ def _further(progress: Callable[[float], None], before: int, done: int) -> None:
     progress(before + done)
 
 
+def _identify(args: Identify) -> int:
+    from rich.console import Console
+
+    from mjmerge import identified
+    from mjmerge.acceptance import store
+    from mjmerge.identify import identify
+    from mjmerge.record.manifest import versions
+    from mjmerge.run import prepare
+
+    place = share.model_folder(args.model)
+    folder = args.out or Path("identified") / place.name
+    replaced = prepare(folder, args.out is None, identified.FILES)
+    with _progress(1.0, "driving") as progress:
+        found = identify(args.model, progress)
+    identified.write(folder, found)
+    if args.accept:
+        try:
+            store(place, found.table, versions())
+        except OSError as error:
+            raise OutputError(f"cannot write to {place}: {error.strerror or error}") from error
+    if args.json:
+        print(json.dumps(identified.as_json(found) | {"out": str(folder), "versions": versions()}))
+        return 0 if found.passed else 1
+    console = Console(highlight=False)
+    console.print(identified.rich_table(found.table))
+    if replaced:
+        console.print(f"what was in {folder} was replaced")
+    console.print(f"table and plots:  [bold]{folder}[/]", soft_wrap=True)
+    return 0 if found.passed else 1
+
+
 @contextmanager
 def _progress(total: float, doing: str = "simulating") -> Iterator[Callable[[float], None]]:
     """A progress bar on standard error, once it is worth one."""
@@ -334,6 +379,7 @@ _COMMANDS: dict[type, Callable[..., int]] = {
     Reproduce: _reproduce,
     Theorem: _theorem,
     Survey: _survey,
+    Identify: _identify,
     List: _list,
     View: _view,
     Export: _export,
@@ -355,6 +401,7 @@ def main(argv: list[str] | None = None) -> None:
         | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
         | Annotated[Theorem, tyro.conf.subcommand("theorem")]
         | Annotated[Survey, tyro.conf.subcommand("survey")]
+        | Annotated[Identify, tyro.conf.subcommand("identify")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[View, tyro.conf.subcommand("view")]
         | Annotated[Export, tyro.conf.subcommand("export")]

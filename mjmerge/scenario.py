@@ -27,6 +27,7 @@ else:
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
+Tyre = Literal["slip", "ideal"]
 Point = Annotated[tuple[float, float], Field(strict=False)]
 
 
@@ -132,6 +133,8 @@ class Mismatch(Frozen):
 
     friction: Annotated[float, Field(gt=0, le=2)] = 1.0
     """Coulomb friction between all tyres and the road, 1."""
+    tyres: Tyre = "slip"
+    """Tyres with the cornering stiffness of their cars, or such that do not slip below the limit."""
     command_delay_s: Annotated[float, Field(ge=0, le=2)] = 0.0
     """Dead time of the ego's steering and drive commands, s."""
 

@@ -8,9 +8,12 @@ and the recorders rely on.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,8 +22,8 @@ from mjmerge import share
 from mjmerge.datasheet import DataSheet
 from mjmerge.errors import ModelError, nearest
 from mjmerge.loader import data_sheet
-from mjmerge.scenario import CARS, Scenario
-from mjmerge.state import PAIRS, Array
+from mjmerge.scenario import CARS, Scenario, Tyre
+from mjmerge.state import Array
 
 with warnings.catch_warnings():  # dm_control looks for a window on import, and warns where there is none
     warnings.filterwarnings("ignore", module="glfw")
@@ -29,11 +32,26 @@ with warnings.catch_warnings():  # dm_control looks for a window on import, and 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """Order of every wheel axis."""
 STEERED = WHEELS[:2]
+DRIVEN = {"all": (0, 1, 2, 3), "front": (0, 1), "rear": (2, 3)}
+"""Driven wheels by what a data sheet calls them."""
 DRIVE = tuple(f"drive_{w}" for w in WHEELS)
 BRAKE = tuple(f"brake_{w}" for w in WHEELS)
 STEER = tuple(f"steer_{w}" for w in STEERED)
-SPIN_LIMIT = "spin_limit_radps"
-"""Custom number of every car: the wheel speed beyond which its motors give no torque."""
+NUMBERS = {
+    "spin_limit_radps": 1,  # the wheel speed beyond which the motors give no torque
+    "power_limit_w": 1,  # what all motors together can give
+    "steer_rate_limit_radps": 1,  # fastest change of the angle that the steering servos are told
+    "drag_area_m2": 1,  # drag coefficient times frontal area
+    "rolling_resistance": 1,  # over weight
+    "cornering_stiffness_n_per_rad": 2,  # of the front and the rear axle, both tyres
+}
+"""Custom numbers of every car, with how many each has: its truth where MJCF has no place for it."""
+RESISTANCE = "resistance"
+"""Actuator that pushes a car back with the force of air and rolling resistance."""
+IMPRATIO = 0.01
+"""Of the world: low, so that the road stays hard under a tyre that slips; see ``mjmerge.plant.tyre``."""
+HARDEST = 0.9999
+"""MuJoCo's largest impedance: that of the tyres of a car that stands."""
 SENSORS = {
     "front_position": 3,
     "front_velocity": 3,
@@ -52,7 +70,6 @@ _PAINT = {
 }
 """Body colour by role; the paper draws the ego green and its neighbours blue."""
 _CLEARANCE_CUTOFF_M = 100.0
-_MARKING_M, _MARKING_EVERY_M = 0.4, 1.2
 
 
 @dataclass(frozen=True)
@@ -62,12 +79,47 @@ class World:
     Attributes:
         model: the compiled MuJoCo model.
         xml: the composed MJCF it was compiled from.
-        sheets: data sheet of each car, in the order of ``CARS``.
+        cars: names of the cars.
+        sheets: data sheet of each.
+        tyres: whether they slip.
     """
 
     model: mujoco.MjModel
     xml: str
+    cars: tuple[str, ...]
     sheets: tuple[DataSheet, ...] = field(repr=False)
+    tyres: Tyre
+
+    def number(self, name: str) -> Array:
+        """One of :data:`NUMBERS` of each car, (C,) or (C, 2)."""
+        values = np.array([self.model.numeric(f"{car}/{name}").data for car in self.cars])
+        return values[:, 0] if NUMBERS[name] == 1 else values
+
+    def cornering_stiffness_n_per_rad(self) -> Array:
+        """Of each car's front and rear axle, (C, 2); infinite where the tyres do not slip."""
+        stiffness = self.number("cornering_stiffness_n_per_rad")
+        return np.where(self.tyres == "slip", stiffness, np.inf)
+
+    def axle_mass_kg(self) -> Array:
+        """What stands on each car's front and rear axle, (C, 2)."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, data)
+        found = []
+        for car in self.cars:
+            chassis = self.model.body(f"{car}/chassis")
+            front, rear = (data.site(f"{car}/{axle}_axle").xpos[0] for axle in ("front", "rear"))
+            share = (data.subtree_com[chassis.id][0] - rear) / (front - rear)
+            found.append(chassis.subtreemass[0] * np.array([share, 1 - share]))
+        return np.array(found)
+
+    def wheels_m(self) -> tuple[Array, Array]:
+        """Where the wheels are, ahead of the rear axle and left of the middle, each (C, 4)."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        wheels = np.array([[data.geom(f"{car}/tyre_{w}").xpos for w in WHEELS] for car in self.cars])
+        rear = np.array([data.site(f"{car}/rear_axle").xpos for car in self.cars])
+        at = wheels - rear[:, None]
+        return at[..., 0], at[..., 1]
 
     def qpos(self, front_m: Array, heading_rad: Array, wheel_steer_rad: Array, spin_rad: Array) -> Array:
         """Generalised positions with the cars standing on their wheels, (M, nq).
@@ -80,7 +132,7 @@ class World:
         """
         m = self.model
         qpos = np.tile(m.qpos0, (len(front_m), 1))
-        for c, car in enumerate(CARS):
+        for c, car in enumerate(self.cars):
             root = m.joint(f"{car}/free/").qposadr[0]
             front = m.site(f"{car}/front_axle").pos[0]
             cos, sin = np.cos(heading_rad[:, c]), np.sin(heading_rad[:, c])
@@ -94,12 +146,15 @@ class World:
                 qpos[:, m.joint(f"{car}/spin_{wheel}").qposadr[0]] = spin_rad[:, c]
         return qpos
 
-    def qvel(self, speed_mps: Array) -> Array:
-        """Generalised velocities of cars that roll straight along the road, (M, nv); speeds (M, C)."""
+    def qvel(self, speed_mps: Array, heading_rad: Array | float = 0.0) -> Array:
+        """Generalised velocities of cars that roll straight ahead, (M, nv); speeds and headings (M, C)."""
         m = self.model
         qvel = np.zeros((len(speed_mps), m.nv))
-        for c, car in enumerate(CARS):
-            qvel[:, m.joint(f"{car}/free/").dofadr[0]] = speed_mps[:, c]
+        heading = np.broadcast_to(heading_rad, speed_mps.shape)
+        for c, car in enumerate(self.cars):
+            root = m.joint(f"{car}/free/").dofadr[0]
+            qvel[:, root] = speed_mps[:, c] * np.cos(heading[:, c])
+            qvel[:, root + 1] = speed_mps[:, c] * np.sin(heading[:, c])
             for wheel in WHEELS:
                 radius = m.geom(f"{car}/tyre_{wheel}").size[0]
                 qvel[:, m.joint(f"{car}/spin_{wheel}").dofadr[0]] = speed_mps[:, c] / radius
@@ -112,30 +167,72 @@ def build(scenario: Scenario) -> World:
     Raises:
         ModelError: a car model lacks something, or the composition lost an option.
     """
+    return compose(
+        {car: getattr(scenario.models, car) for car in CARS},
+        friction=scenario.mismatch.friction,
+        tyres=scenario.mismatch.tyres,
+        delays_s={"ego": scenario.mismatch.command_delay_s},
+        physics_step_s=scenario.physics_step_s,
+        draw=lambda root: _mark_lanes(root, scenario),
+    )
+
+
+def single(model: str, **options: Any) -> World:
+    """One car, called ``ego``, alone on a plane; the options are those of :func:`compose`."""
+    return compose({"ego": model}, **options)
+
+
+def compose(
+    models: Mapping[str, str],
+    *,
+    friction: float = 1.0,
+    tyres: Tyre = "slip",
+    delays_s: Mapping[str, float] | None = None,
+    physics_step_s: float = 0.001,
+    draw: Callable[[mjcf.RootElement], None] | None = None,
+) -> World:
+    """Composes and compiles a world of cars on a plane.
+
+    Args:
+        models: car model of each car, by the car's name.
+        friction: between all tyres and the road, 1.
+        tyres: whether they slip.
+        delays_s: dead time of the commands of a car, s, by its name.
+        physics_step_s: time step, s.
+        draw: adds to the picture of the road.
+
+    Raises:
+        ModelError: a car model lacks something, or the composition lost an option.
+    """
     root = mjcf.RootElement(model="mjmerge")
     root.compiler.angle = "radian"
     root.compiler.autolimits = True
-    root.option.timestep = scenario.physics_step_s
+    root.option.timestep = physics_step_s
     root.option.integrator = "implicitfast"
     root.option.cone = "elliptic"
-    root.option.impratio = 10
+    root.option.impratio = IMPRATIO
     root.option.flag.autoreset = "disable"  # an unstable run stops; it does not start again at t = 0
-    root.statistic.extent = 4.0
-    root.statistic.center = (0.0, 0.0, 0.2)
     root.visual.headlight.ambient = (0.35, 0.35, 0.35)
-    _add_road(root, scenario)
+    ground = root.worldbody
+    ground.add("light", name="sun", pos=(0, -4, 8), dir=(0, 0.4, -1), type="directional", castshadow=True)
+    grey = (0.32, 0.33, 0.35, 1)
+    ground.add("geom", name="road", type="plane", size=(0, 0, 1), rgba=grey, contype=0, conaffinity=1)
+    sheets = tuple(data_sheet(name) for name in models.values())
+    length = max(sheet.length_m for sheet in sheets)
+    root.statistic.extent = 7.0 * length
+    root.statistic.center = (0.0, 0.0, 0.35 * length)
+    if draw is not None:
+        draw(root)
 
-    sheets = []
-    for car in CARS:
-        name = getattr(scenario.models, car)
-        sheets.append(data_sheet(name))
-        _add_car(root, car, share.model_folder(name), scenario)
-    for a, b in PAIRS:
+    for (car, name), sheet in zip(models.items(), sheets, strict=True):
+        _add_car(root, car, share.model_folder(name), sheet, friction, (delays_s or {}).get(car, 0.0))
+    names = tuple(models)
+    for a, b in combinations(names, 2):
         root.sensor.add(
             "distance",
-            name=f"clearance_{CARS[a]}_{CARS[b]}",
-            geom1=f"{CARS[a]}/hull",
-            geom2=f"{CARS[b]}/hull",
+            name=f"clearance_{a}_{b}",
+            geom1=f"{a}/hull",
+            geom2=f"{b}/hull",
             cutoff=_CLEARANCE_CUTOFF_M,
         )
 
@@ -144,32 +241,27 @@ def build(scenario: Scenario) -> World:
         model = mujoco.MjModel.from_xml_string(xml, root.get_assets())
     except ValueError as error:
         raise ModelError(f"the composed world does not compile: {error}") from error
-    _check_model(model, scenario)
-    return World(model, xml, tuple(sheets))
+    _check_model(model, names, physics_step_s)
+    return World(model, xml, names, sheets, tyres)
 
 
-def _add_road(root: mjcf.RootElement, scenario: Scenario) -> None:
-    """A plane and the markings of the lanes that the cars start in, one lane more to each side."""
+def _mark_lanes(root: mjcf.RootElement, scenario: Scenario) -> None:
+    """The markings of the lanes that the cars start in, in the size of the lane."""
     lanes = [getattr(scenario.initial, car).front_m[1] for car in CARS]
     width = scenario.road.lane_width_m
     low, high = min(lanes) - width / 2, max(lanes) + width / 2
     speeds = [getattr(scenario.initial, car).speed_mps for car in CARS]
     starts = [getattr(scenario.initial, car).front_m[0] for car in CARS]
-    begin = min(starts) - 5.0
-    end = max(starts) + 10.0 + 1.5 * max(max(speeds), 0.0) * scenario.duration_s
-
-    ground = root.worldbody
-    ground.add("light", name="sun", pos=(0, -4, 8), dir=(0, 0.4, -1), type="directional", castshadow=True)
-    grey = (0.32, 0.33, 0.35, 1)
-    ground.add("geom", name="road", type="plane", size=(0, 0, 1), rgba=grey, contype=0, conaffinity=1)
+    begin = min(starts) - 4 * width
+    end = max(starts) + 8 * width + 1.5 * max(max(speeds), 0.0) * scenario.duration_s
 
     def line(name: str, x: float, y: float, length: float) -> None:
-        ground.add(
+        root.worldbody.add(
             "geom",
             name=name,
             type="box",
-            size=(length / 2, 0.02, 0.0005),
-            pos=(x, y, 0.0005),
+            size=(length / 2, width / 60, width / 2400),
+            pos=(x, y, width / 2400),
             rgba=(0.93, 0.93, 0.9, 1),
             contype=0,
             conaffinity=0,
@@ -179,19 +271,19 @@ def _add_road(root: mjcf.RootElement, scenario: Scenario) -> None:
     for name, y in (("edge_right", low), ("edge_left", high)):
         line(name, (begin + end) / 2, y, end - begin)
     if high - low > 1.5 * width:  # two lanes: dashes between them
-        for i in range(ceil((end - begin) / _MARKING_EVERY_M)):
-            line(f"dash_{i}", begin + (i + 0.5) * _MARKING_EVERY_M, (low + high) / 2, _MARKING_M)
+        for i in range(ceil((end - begin) / width)):
+            line(f"dash_{i}", begin + (i + 0.5) * width, (low + high) / 2, width / 3)
 
 
-def _add_car(root: mjcf.RootElement, car: str, folder: Path, scenario: Scenario) -> None:
+def _add_car(
+    root: mjcf.RootElement, car: str, folder: Path, sheet: DataSheet, friction: float, delay_s: float
+) -> None:
     """Attaches a car under its role's name, paints it, frees it, and lets its tyres touch the road."""
-    model = _load_car(folder)
+    model = _load_car(folder, sheet)
     model.model = car
     model.find("material", "paint").rgba = _PAINT[car]
     frame = root.attach(model)
     frame.add("freejoint", name="free")
-
-    grip = scenario.mismatch.friction
     for wheel in WHEELS:
         root.contact.add(
             "pair",
@@ -199,18 +291,20 @@ def _add_car(root: mjcf.RootElement, car: str, folder: Path, scenario: Scenario)
             geom1="road",
             geom2=model.find("geom", f"tyre_{wheel}"),
             condim=3,
-            friction=(grip, grip, 0.005, 1e-4, 1e-4),
+            friction=(friction, friction, 0.005, 1e-4, 1e-4),
             solref=(0.01, 1.0),
+            solreffriction=(-1.0, -1 / root.option.timestep),
+            solimp=(HARDEST, HARDEST, 0.001, 0.5, 2.0),
         )
-    delay_s = scenario.mismatch.command_delay_s
-    if car == "ego" and delay_s > 0:
+    if delay_s > 0:
         for name in DRIVE + BRAKE + STEER:
             actuator = model.find("actuator", name)
-            actuator.delay = delay_s
-            actuator.nsample = ceil(delay_s / scenario.physics_step_s - 1e-9)
+            if actuator is not None:
+                actuator.delay = delay_s
+                actuator.nsample = ceil(delay_s / root.option.timestep - 1e-9)
 
 
-def _load_car(folder: Path) -> mjcf.RootElement:
+def _load_car(folder: Path, sheet: DataSheet) -> mjcf.RootElement:
     """A car's MJCF, checked for everything that is asked of it by name.
 
     Raises:
@@ -221,13 +315,16 @@ def _load_car(folder: Path) -> mjcf.RootElement:
         model = mjcf.from_path(str(file))
     except (OSError, ValueError, KeyError, AttributeError, SyntaxError) as error:  # lxml's is a SyntaxError
         raise ModelError(f"{file}: {error}") from error
+    motors = [DRIVE[i] for i in DRIVEN[sheet.drive]]
     wanted = (
-        [("body", "chassis"), ("geom", "hull"), ("material", "paint"), ("numeric", SPIN_LIMIT)]
-        + [("site", f"{axle}_axle") for axle in ("front", "rear")]
+        [("body", "chassis"), ("geom", "hull"), ("material", "paint")]
+        + [("numeric", name) for name in NUMBERS]
+        + [("site", name) for name in ("front_axle", "rear_axle", "centre")]
+        + [("body", f"wheel_{w}") for w in WHEELS]
         + [("geom", f"tyre_{w}") for w in WHEELS]
         + [("joint", f"spin_{w}") for w in WHEELS]
         + [("joint", f"steer_{w}") for w in STEERED]
-        + [("actuator", name) for name in DRIVE + BRAKE + STEER]
+        + [("actuator", name) for name in (*STEER, *motors, *BRAKE, RESISTANCE)]
         + [("sensor", name) for name in SENSORS]
     )
     problems = []
@@ -235,26 +332,76 @@ def _load_car(folder: Path) -> mjcf.RootElement:
         if model.find(kind, name) is None:
             have = [e.name for e in model.find_all(kind) if e.name]
             problems.append(f"{file}: no {kind} called {name!r}; {nearest(name, have)}")
+    for name in set(DRIVE) - set(motors):
+        if model.find("actuator", name) is not None:
+            problems.append(
+                f"{file}: there is a motor {name!r}, but datasheet.yaml says drive: {sheet.drive}"
+            )
+    for name, count in NUMBERS.items():
+        number = model.find("numeric", name)
+        given = [] if number is None else np.atleast_1d(number.data).tolist()
+        if number is not None and (len(given) != count or min(given) < 0):
+            expected = "one number that is" if count == 1 else f"{count} numbers that are"
+            problems.append(f"{file}: numeric {name!r} is {given}; expected {expected} not negative")
+    for body in model.find_all("body"):
+        if body.inertial is not None and not body.inertial.mass > 0:
+            problems.append(
+                f"{file}: body {body.name!r} has a mass of {body.inertial.mass}; expected above 0 kg"
+            )
     if problems:
         raise ModelError("\n".join(problems))
     return model
 
 
-def _check_model(model: mujoco.MjModel, scenario: Scenario) -> None:
+def _check_model(model: mujoco.MjModel, cars: tuple[str, ...], physics_step_s: float) -> None:
     """Raises ModelError where the compiled model is not what was composed."""
     wanted = {
-        "timestep": scenario.physics_step_s,
+        "timestep": physics_step_s,
         "integrator": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
         "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
-        "impratio": 10.0,
+        "impratio": IMPRATIO,
     }
     for name, value in wanted.items():
         if getattr(model.opt, name) != value:
             raise ModelError(f"the compiled world's option {name} is {getattr(model.opt, name)}, not {value}")
-    for car in CARS:
-        for wheel in WHEELS:
-            tyre = model.geom(f"{car}/tyre_{wheel}")
-            if tyre.type[0] != mujoco.mjtGeom.mjGEOM_SPHERE:
-                raise ModelError(
-                    f"{car}: tyre_{wheel} is not a sphere; other shapes touch the road twice and scrub"
-                )
+    problems = [f"{car}: {problem}" for car in cars for problem in _car_problems(model, car)]
+    if problems:
+        raise ModelError("\n".join(problems))
+
+
+def _car_problems(model: mujoco.MjModel, car: str) -> Iterator[str]:
+    """What of a compiled car is not as the plant takes it to be."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    axles = {axle: data.site(f"{car}/{axle}_axle").xpos for axle in ("front", "rear")}
+    if not axles["front"][0] > axles["rear"][0]:
+        yield "the site front_axle is not ahead of rear_axle; expected x forward"
+    for wheel in WHEELS:
+        tyre, body = model.geom(f"{car}/tyre_{wheel}"), model.body(f"{car}/wheel_{wheel}")
+        if tyre.type[0] != mujoco.mjtGeom.mjGEOM_SPHERE:
+            shape = mujoco.mjtGeom(int(tyre.type[0])).name.removeprefix("mjGEOM_").lower()
+            yield (
+                f"tyre_{wheel} is a {shape}, not a sphere; expected a sphere of the wheel's radius, because "
+                "other shapes touch the road twice and scrub (a picture of the wheel may have any shape)"
+            )
+        if tyre.bodyid[0] != body.id:
+            yield f"tyre_{wheel} is not on the body wheel_{wheel}"
+        side = 1 if wheel.endswith("left") else -1
+        if not side * data.geom(f"{car}/tyre_{wheel}").xpos[1] > 0:
+            yield f"tyre_{wheel} is on the wrong side; expected y to the left"
+        moves = [("spin", 1, body.id)]
+        if wheel in STEERED:
+            moves.append(("steer", 2, int(body.parentid[0])))
+        for name, axis, on in moves:
+            joint = model.joint(f"{car}/{name}_{wheel}")
+            if joint.type[0] != mujoco.mjtJoint.mjJNT_HINGE or not joint.axis[axis] > 0.9:
+                yield f"joint {name}_{wheel} is expected to be a hinge about {'xyz'[axis]}"
+            if joint.bodyid[0] != on:
+                yield f"joint {name}_{wheel} is expected on the body {model.body(on).name.split('/')[-1]}"
+        for actuator, joint in (("drive", "spin"), ("brake", "spin"), ("steer", "steer")):
+            found = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{car}/{actuator}_{wheel}")
+            if found < 0:
+                continue
+            target = model.joint(int(model.actuator_trnid[found, 0])).name
+            if target != f"{car}/{joint}_{wheel}":
+                yield f"actuator {actuator}_{wheel} acts on {target}; expected {joint}_{wheel}"

@@ -192,7 +192,7 @@ def test_list_names_every_kind_and_entry(capsys):
 def test_export_prints_a_world_that_compiles(capsys):
     code, out, _ = run(capsys, "export", "paper")
     assert code == 0
-    assert mujoco.MjModel.from_xml_string(out).nu == 30
+    assert mujoco.MjModel.from_xml_string(out).nu == 33
 
 
 def test_schema_is_json(capsys):

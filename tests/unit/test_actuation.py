@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mjmerge.actuation import BelievedCars, ackermann, actuate, believed_sheets, bicycle_angle
+from mjmerge.actuation import CRAWL_MPS, BelievedCars, ackermann, actuate, believed_sheets, bicycle_angle
 from mjmerge.loader import data_sheet, load
 from mjmerge.state import Cars
 
@@ -50,7 +50,18 @@ wishes = st.builds(wanting, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
 @given(states, wishes)
 def test_commands_stay_within_the_limits_whatever_is_wanted(state, u):
     controls = actuate(state, u, LIMITED, EPS_V, H)
-    assert np.abs(controls.torque_n_m).max() <= SHEET.torque_limit_n_m
+    v = state.speed_mps[..., None]
+    braking = (controls.torque_n_m * v < 0) & (np.abs(v) > CRAWL_MPS)
+    brake = (
+        SHEET.brake_torque_limit_n_m
+        / 2
+        * np.array([SHEET.brake_front_share] * 2 + [1 - SHEET.brake_front_share] * 2)
+    )
+    assert (
+        np.abs(controls.torque_n_m) <= np.where(braking, brake, SHEET.torque_limit_n_m) * (1 + 1e-12)
+    ).all()
+    power = np.where(braking, 0, controls.torque_n_m * v / SHEET.wheel_radius_m).sum(axis=-1)
+    assert power.max() <= SHEET.power_limit_w * (1 + 1e-12)
     assert np.abs(controls.steer_rad).max() <= SHEET.steer_limit_rad
     moved = controls.steer_rad - state.steer_command_rad
     assert np.abs(moved).max() <= SHEET.steer_rate_limit_radps * H + 1e-15
@@ -85,15 +96,37 @@ def test_steering_goes_on_from_the_angle_last_commanded_so_a_lagging_servo_is_no
     assert controls.steer_rad == pytest.approx(0.1 + controls.omega_radps * H)
 
 
-@pytest.mark.parametrize("a", [1.0, -1.0, 0.25])
+def road_load(sheet, speed):
+    """What air and tyres take at that speed, N."""
+    return 1.2 / 2 * sheet.drag_area_m2 * speed**2 + sheet.rolling_resistance * sheet.mass_kg * 9.81
+
+
+@pytest.mark.parametrize("a", [1.0, 0.25, 0.0])
 @pytest.mark.parametrize(
     ("drive", "driven"), [("all", [1, 1, 1, 1]), ("front", [1, 1, 0, 0]), ("rear", [0, 0, 1, 1])]
 )
-def test_the_driven_wheels_share_the_torque_of_the_effective_mass(a, drive, driven):
+def test_the_driven_wheels_share_the_torque_of_the_effective_mass_and_of_the_road_load(a, drive, driven):
     sheet = SHEET.model_copy(update={"drive": drive})
     controls = actuate(cars(), wanting(a, 0.0), BelievedCars.of([sheet] * 3, limited=True), EPS_V, H)
-    total = (sheet.mass_kg + sheet.rotating_mass_kg) * a * sheet.wheel_radius_m
+    force = (sheet.mass_kg + sheet.rotating_mass_kg) * a + road_load(sheet, 2.0)
+    total = force * sheet.wheel_radius_m
     assert controls.torque_n_m[0, 0] == pytest.approx(np.array(driven) * total / sum(driven), rel=1e-12)
+
+
+@pytest.mark.parametrize("drive", ["all", "front", "rear"])
+def test_the_brakes_of_all_wheels_give_what_air_and_tyres_do_not(drive):
+    sheet = SHEET.model_copy(update={"drive": drive})
+    controls = actuate(cars(), wanting(-2.0, 0.0), BelievedCars.of([sheet] * 3, limited=True), EPS_V, H)
+    total = (-2.0 * sheet.effective_mass_kg + road_load(sheet, 2.0)) * sheet.wheel_radius_m
+    front = sheet.brake_front_share
+    shares = np.array([front, front, 1 - front, 1 - front]) / 2
+    assert controls.torque_n_m[0, 0] == pytest.approx(shares * total, rel=1e-12)
+
+
+def test_at_speed_the_power_is_the_limit():
+    speed = 2 * SHEET.power_limit_w / (4 * SHEET.torque_limit_n_m / SHEET.wheel_radius_m)
+    controls = actuate(cars(speed=speed), wanting(50.0, 0.0), LIMITED, EPS_V, H)
+    assert controls.torque_n_m[0, 0] == pytest.approx(SHEET.torque_limit_n_m / 2)
 
 
 def test_positive_lateral_acceleration_steers_left():
@@ -137,5 +170,6 @@ def test_a_heavier_belief_asks_for_more_torque():
         for o in ([], ["belief.mass_kg=7.48"])
     )
     one, two = (actuate(cars(), wanting(1.0, 0.0), b, EPS_V, H).torque_n_m[0, :, 0] for b in (light, heavy))
-    assert two[0] / one[0] == pytest.approx((7.48 + SHEET.rotating_mass_kg) / SHEET.effective_mass_kg)
+    more = 3.74 * (1.0 + SHEET.rolling_resistance * 9.81) * SHEET.wheel_radius_m / 4
+    assert two[0] - one[0] == pytest.approx(more)
     assert np.array_equal(two[1:], one[1:])

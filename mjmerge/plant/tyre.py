@@ -1,0 +1,130 @@
+"""Tyres: a wheel-road contact whose lateral force is proportional to the slip angle, at any speed.
+
+MuJoCo's friction is Coulomb with a viscous regime below the limit: on a contact that slips at v_s and
+accelerates at a, both along the force, acts F = -(b v_s + a)/R, b being the damping of the friction rows (1/s)
+and R their regularisation (1/kg). A tyre's force is C alpha = (C/v) v_s, so with c = C/v, b must follow the
+speed v. Both numbers have closed forms (MuJoCo's documentation, "Solver parameters", for an impedance d that
+does not depend on depth):
+
+    R = (1 - d)/d A / impratio        b = damping/d
+
+with ``damping`` from the pair's ``solreffriction = (-1, -damping)`` and A the wheel's ``body_invweight0``. In
+a steady turn the contact accelerates with what stands on it, a = F/m, so that
+
+    b = c (R + 1/m)
+
+is a tyre of cornering stiffness C, without anything to measure or to fit. R is free, and is spent so that
+
+- 1/R, a mass that joins the car's in transients, is a small part of m: :data:`ADDED_MASS`;
+- the slip of a free-rolling wheel, of inertia J = I/r^2, decays no faster than a step of the physics can
+  follow: (b/R)/(J + 1/R) <= :data:`FASTEST_PER_S`. Towards standstill c grows, and 1/R grows with it, up to
+  the hardest contact there is. That is the floor on the speed, and the whole of the ideal tyre.
+
+Beyond mu N the contact slides by itself. But in MuJoCo's convex contact what a sliding contact asks for in
+vain pushes the wheel off the road, and it hops; so a tyre that slides asks for :data:`OUT_OF_REACH` times its
+static grip at most.
+
+One pair has one damping and one R for both directions along the road: the longitudinal slip stiffness of a
+tyre is its cornering stiffness (N per unit of slip), and combined slip saturates on a circle of radius mu N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjmerge.state import Array
+from mjmerge.world import HARDEST, IMPRATIO, WHEELS, World
+
+ADDED_MASS = 0.03
+"""1/R over the mass on the wheel, while the car moves."""
+FASTEST_PER_S = 500.0
+"""Bound on the decay rate of a wheel's slip; the step's own rate where that is slower."""
+OUT_OF_REACH = 3.0
+"""A tyre that slides asks for no more than this many times its static grip."""
+_LEAST_MPS = _LEAST = 1e-9
+
+
+@dataclass(frozen=True)
+class Tyres:
+    """The tyres of C cars, all (C, 4), wheels as in ``mjmerge.world.WHEELS``.
+
+    Attributes:
+        stiffness_n_per_rad: C of one tyre; infinite: as stiff as the contact can be.
+        mass_kg: m, mass that stands on the wheel.
+        spin_mass_kg: J, what the wheel's spin adds to the inertia along the road, I/r^2.
+        invweight_per_kg: A.
+        grip_n: a force that is out of the tyre's reach, :data:`OUT_OF_REACH` times its grip under that mass.
+        step_s: time step of the physics, s.
+    """
+
+    stiffness_n_per_rad: Array
+    mass_kg: Array
+    spin_mass_kg: Array
+    invweight_per_kg: Array
+    grip_n: Array
+    step_s: float
+
+    @classmethod
+    def of(cls, world: World) -> Tyres:
+        """The tyres of a compiled world's cars; every number is the model's own."""
+        m = world.model
+        spin = [[m.joint(f"{car}/spin_{w}").dofadr[0] for w in WHEELS] for car in world.cars]
+        wheel = [[m.body(f"{car}/wheel_{w}").id for w in WHEELS] for car in world.cars]
+        radius = [[m.geom(f"{car}/tyre_{w}").size[0] for w in WHEELS] for car in world.cars]
+        pair = [[m.pair(f"{car}_road_{w}").id for w in WHEELS] for car in world.cars]
+        load = np.repeat(world.axle_mass_kg() / 2, 2, axis=1) * np.linalg.norm(m.opt.gravity)
+        return cls(
+            stiffness_n_per_rad=np.repeat(world.cornering_stiffness_n_per_rad() / 2, 2, axis=1),
+            mass_kg=np.repeat(world.axle_mass_kg() / 2, 2, axis=1),
+            spin_mass_kg=m.dof_M0[np.array(spin)] / np.square(radius),
+            invweight_per_kg=m.body_invweight0[np.array(wheel), 0],
+            grip_n=OUT_OF_REACH * m.pair_friction[np.array(pair), 0] * load,
+            step_s=m.opt.timestep,
+        )
+
+    def contact(self, speed_mps: Array, slip_mps: Array) -> tuple[Array, Array]:
+        """Impedance d and damping (1/s) of each wheel's contact, both (N, C, 4).
+
+        Args:
+            speed_mps: of the wheel over the road, v, (N, C, 4).
+            slip_mps: of the contact over the road, v_s, (N, C, 4).
+        """
+        fastest = min(FASTEST_PER_S, 1 / self.step_s)
+        m, spin = self.mass_kg, self.spin_mass_kg
+        c = self.stiffness_n_per_rad / np.maximum(speed_mps, _LEAST_MPS)
+        c = np.minimum(c, self.grip_n / np.maximum(slip_mps, _LEAST_MPS))
+        needed = (c / fastest - spin) / np.maximum(1 - c / (fastest * m), _LEAST)
+        per_r = np.minimum(np.maximum(needed, ADDED_MASS * m), self._per_kg(HARDEST))
+        b = np.minimum(c * (1 / per_r + 1 / m), fastest * (1 + spin / per_r))
+        x = per_r * self.invweight_per_kg / IMPRATIO
+        d = x / (1 + x)
+        return d, b * d
+
+    def _per_kg(self, d: float) -> Array:
+        """1/R at an impedance, kg."""
+        return IMPRATIO * d / ((1 - d) * self.invweight_per_kg)
+
+
+def front_stiffness(
+    understeer_rad_per_g: float, rear_n_per_rad: float, front_n: float, rear_n: float
+) -> float:
+    """C_f that gives an understeer gradient K = W_f/C_f - W_r/C_r, N/rad.
+
+    Args:
+        understeer_rad_per_g: K, rad per g of lateral acceleration.
+        rear_n_per_rad: C_r.
+        front_n: static load of the front axle W_f, N.
+        rear_n: of the rear axle W_r, N.
+
+    Raises:
+        ValueError: no front tyre is stiff enough for that.
+    """
+    slip = understeer_rad_per_g + rear_n / rear_n_per_rad
+    if slip <= 0:
+        raise ValueError(
+            f"an understeer gradient of {understeer_rad_per_g} rad/g is out of reach of rear tyres of "
+            f"{rear_n_per_rad} N/rad; it must be above {-rear_n / rear_n_per_rad:.4f}"
+        )
+    return front_n / slip
