@@ -23,6 +23,7 @@ import numpy as np
 
 from mjmerge.actuation import believed_sheets
 from mjmerge.metrics import Event, saturated
+from mjmerge.mismatch import column
 from mjmerge.state import Array, Mask, norm
 from mjmerge.trace import Trace
 
@@ -34,6 +35,8 @@ OBEYS_WINDOW_S, OBEYS_MPS = 0.1, 0.1
 """The ego moves as commanded if over this window its velocity changes as told to within this much."""
 BOUNDED_MPS, BOUNDED_MPS2 = 100.0, 50.0
 """A neighbour that is faster, or accelerates by more, is no road car: its motion is not bounded."""
+SEEN = 0.02
+"""The ego knows a distance if it is told it to within this part of r (1.2 cm at the paper's scale)."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +148,13 @@ def _neighbours_apart(trace: Trace) -> Mask:
     return between & in_lane & (gap + r <= 2 * r)
 
 
+def _seen(trace: Trace) -> Mask:
+    """The ego knows the distances, to within ``SEEN`` of r."""
+    off = np.abs(trace.sensed_distance_m - trace.distance_m) > SEEN * trace.scenario.law.r_m
+    unseen: Mask = np.any(off, axis=2)
+    return unseen
+
+
 def _rolling(trace: Trace) -> Mask:
     """|v_r| >= eps_v: where the bicycle inverse is exact."""
     return np.abs(trace.speed_mps[:, :, 0]) < trace.scenario.law.eps_v_mps
@@ -191,12 +201,14 @@ def _sampled_finely(trace: Trace) -> Mask:
 
 
 def _prompt(trace: Trace) -> Mask:
-    """d_j > 2 k_o tau/pi: that gain is stable under the true command delay tau."""
-    bound = 2 * trace.scenario.law.k_o * trace.scenario.mismatch.command_delay_s / pi
-    return _within(trace, bound if trace.plant == "mujoco" else 0.0)
+    """d_j > 2 k_o tau/pi: that gain is stable under the true delay tau of commands and measurements."""
+    if trace.continuous:
+        return _within(trace, 0.0)
+    late_s = column(trace.mismatch, "sensing_delay_s") + column(trace.mismatch, "command_delay_s")
+    return _within(trace, 2 * trace.scenario.law.k_o * late_s[:, None, None] / pi)
 
 
-def _within(trace: Trace, bound_m: float) -> Mask:
+def _within(trace: Trace, bound_m: Array | float) -> Mask:
     """0 < d_j < bound: inside the margin it is too late for an excuse."""
     d = trace.distance_m
     near: Mask = np.any((d > 0) & (d < bound_m), axis=2)
@@ -210,6 +222,7 @@ HYPOTHESES: dict[str, Callable[[Trace], Mask]] = {
     "barrier is on": _barrier_on,
     "neighbours bounded": _neighbours_bounded,
     "neighbours leave 2r": _neighbours_apart,
+    "distances known": _seen,
     "ego rolls": _rolling,
     "steering within limit": _steers_within,
     "command within limits": _unsaturated,

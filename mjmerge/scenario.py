@@ -15,6 +15,7 @@ from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_
 from mjmerge import drivers as _drivers
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.frozen import Frozen
+from mjmerge.mismatch import Mismatch
 from mjmerge.units import Unit, rescaled
 
 CARS = ("ego", "vehicle_1", "vehicle_2")
@@ -27,7 +28,6 @@ else:
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
-Tyre = Literal["slip", "ideal"]
 Point = Annotated[tuple[float, float], Field(strict=False)]
 
 
@@ -126,17 +126,6 @@ class Belief(Frozen):
     """Mass, m, kg."""
     wheel_radius_m: Positive | None = None
     """Rolling radius, m."""
-
-
-class Mismatch(Frozen):
-    """How the truth differs from what the law is told; only the ``mujoco`` plant has one. See mismatch.py."""
-
-    friction: Annotated[float, Field(gt=0, le=2)] = 1.0
-    """Coulomb friction between all tyres and the road, 1."""
-    tyres: Tyre = "slip"
-    """Tyres with the cornering stiffness of their cars, or such that do not slip below the limit."""
-    command_delay_s: Annotated[float, Field(ge=0, le=2)] = 0.0
-    """Dead time of the ego's steering and drive commands, s."""
 
 
 class Floor(Frozen):

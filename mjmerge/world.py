@@ -8,7 +8,7 @@ and the recorders rely on.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import ceil
@@ -22,7 +22,8 @@ from mjmerge import share
 from mjmerge.datasheet import DataSheet
 from mjmerge.errors import ModelError, nearest
 from mjmerge.loader import data_sheet
-from mjmerge.scenario import CARS, Scenario, Tyre
+from mjmerge.mismatch import Mismatch, Tyre
+from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Array
 
 with warnings.catch_warnings():  # dm_control looks for a window on import, and warns where there is none
@@ -161,17 +162,24 @@ class World:
         return qvel
 
 
-def build(scenario: Scenario) -> World:
+def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> World:
     """Composes and compiles the world of a scenario.
+
+    Args:
+        scenario: its models, steps and road.
+        mismatch: what will be different in the simulations of this world; by default the scenario's.
+
+    One world serves them all: what differs from one to the next is set by the plant.
 
     Raises:
         ModelError: a car model lacks something, or the composition lost an option.
     """
+    mismatch = mismatch or (scenario.mismatch,)
     return compose(
         {car: getattr(scenario.models, car) for car in CARS},
         friction=scenario.mismatch.friction,
         tyres=scenario.mismatch.tyres,
-        delays_s={"ego": scenario.mismatch.command_delay_s},
+        delays_s={"ego": max(m.command_delay_s for m in mismatch)},
         physics_step_s=scenario.physics_step_s,
         draw=lambda root: _mark_lanes(root, scenario),
     )

@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 
 from mjmerge.errors import ModelError, UnknownNameError
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.scenario import Scenario
 from mjmerge.world import World
@@ -33,14 +35,16 @@ def check(name: str, scenario: Scenario) -> None:
         )
 
 
-def make(name: str, scenario: Scenario, world: World | None, runs: int, threads: int) -> Plant:
+def make(
+    name: str, scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int
+) -> Plant:
     """The plant of that name, at t = 0.
 
     Args:
         name: one of :data:`PLANTS`.
         scenario: initial state and steps.
         world: the compiled world; only ``mujoco`` needs it.
-        runs: number of simulations N.
+        mismatch: what is different in truth in each of the N simulations.
         threads: threads for the physics, 0 for all cores.
 
     Raises:
@@ -48,5 +52,5 @@ def make(name: str, scenario: Scenario, world: World | None, runs: int, threads:
         ModelError: it has no cars of that size.
     """
     check(name, scenario)
-    plant: Plant = import_module(f"mjmerge.plant.{name}").make(scenario, world, runs, threads)
+    plant: Plant = import_module(f"mjmerge.plant.{name}").make(scenario, world, mismatch, threads)
     return plant

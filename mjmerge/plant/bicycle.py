@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mjmerge.bicycle import derivative, front_velocity
 from mjmerge.loader import car_sheets
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import no_clearance, runaway, standing, start
 from mjmerge.scenario import Scenario
@@ -72,10 +75,10 @@ class Bicycle:
         return standing(self._world, self.observe())
 
 
-def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> Bicycle:
+def make(scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int) -> Bicycle:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     del threads
-    front_m, speed_mps = start(scenario, runs)
+    front_m, speed_mps = start(scenario, len(mismatch))
     wheelbase = np.array([sheet.wheelbase_m for sheet in car_sheets(scenario)])
     state = np.zeros((*speed_mps.shape, 5))
     state[..., 0] = front_m[..., 0] - wheelbase

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import no_clearance, runaway, standing, start
 from mjmerge.scenario import Scenario
@@ -61,9 +64,11 @@ class DoubleIntegrator:
         return standing(self._world, self.observe())
 
 
-def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> DoubleIntegrator:
+def make(
+    scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int
+) -> DoubleIntegrator:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     del threads
-    front_m, speed_mps = start(scenario, runs)
+    front_m, speed_mps = start(scenario, len(mismatch))
     velocity = np.stack([speed_mps, np.zeros_like(speed_mps)], axis=-1)
     return DoubleIntegrator(front_m, velocity, scenario.control_step_s, world)

@@ -11,6 +11,7 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from mjmerge.actuation import AIR_KG_PER_M3, CRAWL_MPS, ROLLS_MPS, bicycle_angle
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import start
 from mjmerge.plant.tyre import Tyres
@@ -209,8 +210,8 @@ class MuJoCo:
         return qpos
 
 
-def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> MuJoCo:
+def make(scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int) -> MuJoCo:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     assert world is not None, "the mujoco plant stands in a world"
-    front_m, speed_mps = start(scenario, runs)
+    front_m, speed_mps = start(scenario, len(mismatch))
     return MuJoCo(world, front_m, speed_mps, substeps=scenario.substeps, threads=threads)
