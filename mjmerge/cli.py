@@ -103,6 +103,26 @@ class Identify:
 
 
 @dataclass(frozen=True)
+class Check:
+    """Run the regression gate. Exit code 0: every floor and baseline holds; 1: not; 3: a simulation stopped."""
+
+    scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Scenario files with a gate, or folders of them; by default the shipped ones."""
+    baselines: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of the baselines; by default baselines/ beside each scenario."""
+    only: Annotated[str, tyro.conf.arg(metavar="TEXT")] = ""
+    """Only rows with this in `scenario, row`."""
+    update: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Rewrite the baselines with what is measured now, and print what changed. Floors stay as they are."""
+    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Threads for the physics, 0 for all cores; does not change the result."""
+    junit: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Also write JUnit XML."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
 class List:
     """List what there is: scenarios, models, laws, drivers and plants, with a line on each."""
 
@@ -206,6 +226,37 @@ def _reproduce(args: Reproduce) -> int:
         console.print(f"what was in {folder} was replaced")
     console.print(f"figures, tables and animation:  [bold]{folder}[/]", soft_wrap=True)
     return 0 if done.complete else 1
+
+
+def _check(args: Check) -> int:
+    from rich.console import Console
+
+    from mjmerge import gate
+    from mjmerge.report import gate_failure, gate_json, gate_junit, gate_table
+
+    places = args.scenarios or (share.folder("scenarios"),)
+    rows = [r for r in gate.rows(places) if args.only in f"{r.file.stem}, {r.check.name}"]
+    if not rows:
+        raise MjmergeError(f"no row of the gate has {args.only!r} in its name")
+    with _progress(len(rows), "checking") as progress:
+        results = list(gate.run(rows, args.baselines, threads=args.threads, progress=progress))
+    said = gate.update(results, args.baselines) if args.update else []
+    if args.junit is not None:
+        try:
+            args.junit.write_bytes(gate_junit(results))
+        except OSError as error:
+            raise OutputError(f"cannot write {args.junit}: {error.strerror or error}") from error
+    failed = [result for result in results if result.problems]
+    if args.json:
+        print(json.dumps(gate_json(results)))
+    else:
+        console = Console(highlight=False)
+        console.print(gate_table(results))
+        for line in said or [gate_failure(result) for result in failed]:
+            console.print(line, markup=False, soft_wrap=True)
+    if any(result.stopped for result in results):
+        return 3
+    return 1 if failed and not args.update else 0
 
 
 def _theorem(args: Theorem) -> int:
@@ -377,6 +428,7 @@ def _schema(args: Schema) -> int:
 _COMMANDS: dict[type, Callable[..., int]] = {
     Run: _run,
     Reproduce: _reproduce,
+    Check: _check,
     Theorem: _theorem,
     Survey: _survey,
     Identify: _identify,
@@ -399,6 +451,7 @@ def main(argv: list[str] | None = None) -> None:
     args = tyro.cli(
         Annotated[Run, tyro.conf.subcommand("run")]
         | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+        | Annotated[Check, tyro.conf.subcommand("check")]
         | Annotated[Theorem, tyro.conf.subcommand("theorem")]
         | Annotated[Survey, tyro.conf.subcommand("survey")]
         | Annotated[Identify, tyro.conf.subcommand("identify")]
