@@ -248,6 +248,10 @@ class Flow:
         self._tick = min(self._tick + 1, len(self._motion) - 1)
         self._plant.put(self._motion[self._tick])
 
+    def contacts(self) -> tuple[Array, Array]:
+        """See :meth:`Plant.contacts`."""
+        return self._plant.contacts()
+
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
         return [

@@ -129,7 +129,7 @@ def _neighbours_bounded(trace: Trace) -> Mask:
     v, window = trace.velocity_mps[:, :, 1:], _window(trace, OBEYS_WINDOW_S)
     broken = norm(v) > BOUNDED_MPS
     broken[:, window:] |= norm(v[:, window:] - v[:, :-window]) > BOUNDED_MPS2 * OBEYS_WINDOW_S
-    touched: Mask = np.logical_or.accumulate(np.any(trace.clearance_m <= 0, axis=2), axis=1)
+    touched: Mask = np.logical_or.accumulate(np.any(trace.touching, axis=2), axis=1)
     before: Mask = np.any(broken, axis=2) & ~touched
     return before
 
@@ -162,7 +162,11 @@ def _rolling(trace: Trace) -> Mask:
 
 def _steers_within(trace: Trace) -> Mask:
     """|delta| < its limit; that of the bicycle equations is pi/2, a double integrator does not steer."""
-    limit = believed_sheets(trace.scenario)[0].steer_limit_rad if trace.plant == "mujoco" else pi / 2
+    limit = (
+        believed_sheets(trace.scenario)[0].steer_limit_rad
+        if trace.plant in ("bicycle_limited", "mujoco")
+        else pi / 2
+    )
     beyond: Mask = np.abs(trace.steer_rad[:, :, 0]) >= limit
     return beyond
 
@@ -250,7 +254,7 @@ def challenged(trace: Trace) -> Mask:
 
 def judge(trace: Trace) -> list[Verdict]:
     """The verdict on every simulation of a trace."""
-    unsafe: Mask = np.any(trace.distance_m <= 0, axis=2) | np.any(trace.clearance_m[:, :, :2] <= 0, axis=2)
+    unsafe: Mask = np.any(trace.distance_m <= 0, axis=2) | np.any(trace.touching[:, :, :2], axis=2)
     broken = {name: monitor(trace) for name, monitor in HYPOTHESES.items()}
     asked = challenged(trace)
     floor = trace.scenario.expect.min_distance_m.at_least

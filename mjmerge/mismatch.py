@@ -1,8 +1,8 @@
 """How the truth differs from what the law is told: every axis of mismatch, its unit, its range, its default.
 
 The law and the actuation never see any of this. What is under "the road", "the air" and "the ego" changes the
-physics (:mod:`mjmerge.plant.mujoco`; the ideal plants know the command delay alone), what is under "what the
-ego measures" changes what the law is told (:mod:`mjmerge.sensing`, on every plant). What the ego believes of
+physics (:mod:`mjmerge.plant.mujoco`; plants without bodies know the command delay alone), what is under "what
+the ego measures" changes what the law is told (:mod:`mjmerge.sensing`, on every plant). What the ego believes of
 itself is ``belief`` in the scenario, and the control rate is ``control_step_s``.
 
 In a batch every simulation may have its own.
@@ -69,7 +69,7 @@ class Mismatch(Frozen):
     rear_stiffness: Ratio = 1.0
     """The same of the rear axle, 1."""
     suspension_stiffness: Ratio = 1.0
-    """Spring rates over those of the model, 1; the damping ratio stays."""
+    """Spring rates over those of the model, 1; ride height and damping ratio stay."""
     torque_limit: Ratio = 1.0
     """Drive torque that the motors can give over that of the data sheet, 1."""
     brake_limit: Ratio = 1.0

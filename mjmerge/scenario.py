@@ -242,4 +242,4 @@ class Scenario(Frozen):
         return round(self.control_step_s / self.physics_step_s)
 
 
-Plant = Literal["double_integrator", "bicycle", "mujoco"]
+Plant = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]

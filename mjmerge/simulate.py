@@ -104,7 +104,7 @@ def simulate(
         controls = actuate(seen, u, believed, law.eps_v_mps, h)
 
         # record
-        row = _row(cars, seen, truth, controls, decision, z, mu)
+        row = _row(cars, seen, truth, controls, decision, z, mu, moving.contacts())
         log.write(row, running, lambda: moving.qpos()[0])
         if progress is not None and k % _PROGRESS_TICKS == 0:
             progress(t)
@@ -116,7 +116,14 @@ def simulate(
 
 
 def _row(
-    cars: Cars, seen: Cars, truth: Geometry, controls: Controls, decision: Decision, z: Array, mu: Array
+    cars: Cars,
+    seen: Cars,
+    truth: Geometry,
+    controls: Controls,
+    decision: Decision,
+    z: Array,
+    mu: Array,
+    contacts: tuple[Array, Array],
 ) -> dict[str, Array]:
     """One tick, as the columns of the trace."""
     return {
@@ -130,6 +137,8 @@ def _row(
         "gap_m": truth.dbar,
         "gap_rate_mps": truth.dbar_dot,
         "clearance_m": cars.clearance_m,
+        "contact_impulse_n_s": contacts[0],
+        "contact_speed_mps": contacts[1],
         "target_m": seen.front_m[:, 1] + decision.e_1_star,
         "u_n_mps2": decision.u_n,
         "u_c_mps2": decision.u_c,

@@ -105,6 +105,13 @@ class Trace:
     gap_m: Annotated[Array, Meaning("dbar", "gap between the neighbours, |p_2 - p_1| - r")]
     gap_rate_mps: Annotated[Array, Meaning("dbar'", "rate of that gap")]
     clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIR_NAMES)]
+    contact_impulse_n_s: Annotated[
+        Array,
+        Meaning("impulse", "of the contact between the bodies, over the tick that ends here", PAIR_NAMES),
+    ]
+    contact_speed_mps: Annotated[
+        Array, Meaning("impact", "how fast they moved against each other as that tick began", PAIR_NAMES)
+    ]
     target_m: Annotated[Array, Meaning("p_1 + e_1*", "where the nominal law wants the ego", XY)]
     u_n_mps2: Annotated[Array, Meaning("u_n", "nominal tracking command of the ego", XY)]
     u_c_mps2: Annotated[Array, Meaning("u_c", "barrier command of the ego", XY)]
@@ -130,6 +137,11 @@ class Trace:
     def min_distance_m(self) -> Array:
         """Smallest d_1 and d_2 of each simulation, m, (N, 2); NaN rows where a run has no data at all."""
         return _least(self.distance_m)
+
+    @property
+    def touching(self) -> Mask:
+        """Whether two bodies touch at a tick or did since the last, (N, T, 3); never where there are none."""
+        return (self.clearance_m <= 0) | (self.contact_impulse_n_s > 0)
 
     @property
     def min_clearance_m(self) -> Array:

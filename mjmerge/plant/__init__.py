@@ -1,6 +1,7 @@
 """Plants: what moves the cars. A ladder from the paper's own world to real physics, one interface.
 
-``double_integrator`` takes u, ``bicycle`` takes (a, omega), ``mujoco`` takes wheel torques and angles.
+``double_integrator`` takes u, ``bicycle`` takes (a, omega), ``bicycle_limited`` and ``mujoco`` take wheel
+torques and steering angles.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ __all__ = ["PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
 PLANTS: dict[str, str] = {
     "double_integrator": "front axles are point masses: the paper's proof",
     "bicycle": "kinematic bicycles without limits: the paper's vehicle model",
+    "bicycle_limited": "kinematic bicycles with the mass and the limits of their cars",
     "mujoco": "physical cars with mass, tyres, suspension, servos and limits",
 }
 """What each plant is, by name."""
