@@ -2,8 +2,8 @@
 
 The law and the actuation never see any of this. What is under "the road", "the air" and "the ego" changes the
 physics (:mod:`mjmerge.plant.mujoco`; plants without bodies know the command delay alone), what is under "what
-the ego measures" changes what the law is told (:mod:`mjmerge.sensing`, on every plant). What the ego believes of
-itself is ``belief`` in the scenario, and the control rate is ``control_step_s``.
+the ego measures" changes what the law is told (:mod:`mjmerge.sensing`, on every plant). What the ego believes
+of itself is ``belief`` in the scenario, and the control rate is ``control_step_s``.
 
 In a batch every simulation may have its own.
 """

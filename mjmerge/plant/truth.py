@@ -129,11 +129,13 @@ def _limit(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
         for steer, (least, most) in zip(STEER, turned.T, strict=True):
             reach = model.actuator(f"{ego}/{steer}").ctrlrange
             reach[:] = max(reach[0], least), min(reach[1], most)
-    for steer in STEER:
-        servo = model.actuator(f"{ego}/{steer}")
-        servo.gainprm[0] /= m.steer_lag**2
-        servo.biasprm[1] /= m.steer_lag**2
-        servo.biasprm[2] /= m.steer_lag
+    if m.steer_lag != 1:
+        for steer in STEER:
+            servo = model.actuator(f"{ego}/{steer}")
+            passive = model.joint(f"{ego}/{steer}").damping[0]  # which the servo's own damping adds to
+            servo.gainprm[0] /= m.steer_lag**2
+            servo.biasprm[1] /= m.steer_lag**2
+            servo.biasprm[2] = min(passive - (passive - servo.biasprm[2]) / m.steer_lag, 0.0)
 
 
 def _delay(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
