@@ -155,15 +155,21 @@ def wheel_torques(speed_mps: Array, a_mps2: Array, believed: BelievedCars) -> tu
     """
     v, r = speed_mps, believed.wheel_radius_m
     moves = np.abs(v) > CRAWL_MPS
-    rolling = np.where(moves, believed.rolling_n * limit(v / ROLLS_MPS, 1.0), 0.0)
-    resistance = believed.drag_n_per_mps2 * v * np.abs(v) + rolling
-    wanted = r * (believed.effective_mass_kg * a_mps2 + resistance)
+    wanted = r * (believed.effective_mass_kg * a_mps2 + resistance_n(v, believed))
     braking = (wanted * v < 0) & moves
     powered = believed.power_limit_w * r / np.maximum(np.abs(v), CRAWL_MPS)
     most = np.where(braking, believed.brake_limit_n_m, np.minimum(believed.torque_limit_n_m, powered))
     given = limit(wanted, most)
     shares = np.where(braking[..., None], believed.brake_shares, believed.drive_shares)
     return given[..., None] * shares, wanted - given
+
+
+def resistance_n(speed_mps: Array, believed: BelievedCars) -> Array:
+    """Force of air and rolling resistance against the motion, N, (N, C)."""
+    v = speed_mps
+    rolling = np.where(np.abs(v) > CRAWL_MPS, believed.rolling_n * limit(v / ROLLS_MPS, 1.0), 0.0)
+    resistance: Array = believed.drag_n_per_mps2 * v * np.abs(v) + rolling
+    return resistance
 
 
 def ackermann(steer_rad: Array, wheelbase_m: Array, track_m: Array) -> Array:

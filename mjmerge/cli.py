@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -103,11 +104,70 @@ class Identify:
 
 
 @dataclass(frozen=True)
+class Sweep:
+    """Run a campaign, a ladder or a search for breaking points.
+
+    A campaign is many runs: a table, a report, and failure rates with intervals. Interrupted, it goes on
+    where it was when it is run again. Exit code 0: all runs ended, whatever came of them (`mjmerge check` is
+    the gate); 2: bad input; 3: some simulation ended early.
+    """
+
+    what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="CAMPAIGN|SCENARIO")]
+    """Name of a shipped campaign (see `mjmerge list campaigns`) or the path of a YAML file; with --ladder and
+    --break, a scenario."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for everything; by default sweeps/<campaign>, ladders/<scenario> or breaking/<scenario>."""
+    workers: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Processes to spread over, 0 for one per core; does not change the result."""
+    ladder: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Run the scenario from the paper's own world to physical cars, rung by rung: what each costs."""
+    break_: Annotated[
+        tuple[str, ...], tyro.conf.arg(name="break", metavar="AXIS"), tyro.conf.UseAppendAction
+    ] = ()
+    """Find the smallest mismatch that breaks the scenario, as in `--break mismatch.friction` or, with a
+    range, `--break mismatch.friction=1:0.1`; repeatable. `--break AXIS,OTHER` finds the frontier of two."""
+    until: Literal["unsafe", "floor"] = "unsafe"
+    """With --break, what counts as broken: d_j <= 0 or touching bodies, or the scenario's safety floor."""
+    plant: str = "mujoco"
+    """With --break, what moves the cars."""
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """With --ladder and --break, seed of the runs (a campaign has its own)."""
+    seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    """With --break, run each point with so many seeds: it breaks if one does."""
+    set_: Annotated[
+        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """With --ladder and --break, any scenario key; repeatable."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Run the regression gate. Exit code 0: floors and baselines hold; 1: not; 3: a simulation stopped."""
+
+    scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Scenario files with a gate, or folders of them; by default the shipped ones."""
+    baselines: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of the baselines; by default baselines/ beside each scenario."""
+    only: Annotated[str, tyro.conf.arg(metavar="TEXT")] = ""
+    """Only rows with this in `scenario, row`."""
+    update: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Rewrite the baselines with what is measured now, and print what changed. Floors stay as they are."""
+    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Threads for the physics, 0 for all cores; does not change the result."""
+    junit: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Also write JUnit XML."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
 class List:
-    """List what there is: scenarios, models, laws, drivers and plants, with a line on each."""
+    """List what there is: scenarios, campaigns, models, laws, drivers and plants, with a line on each."""
 
     what: Annotated[
-        Literal["all", "scenarios", "models", "laws", "drivers", "plants"], tyro.conf.Positional
+        Literal["all", "scenarios", "campaigns", "models", "laws", "drivers", "plants"], tyro.conf.Positional
     ] = "all"
     """Which kind to list."""
 
@@ -136,7 +196,10 @@ class Export:
 
 @dataclass(frozen=True)
 class Schema:
-    """Print the JSON Schema of scenario files, for editors."""
+    """Print the JSON Schema of scenario or campaign files, for editors."""
+
+    what: Annotated[Literal["scenario", "campaign"], tyro.conf.Positional] = "scenario"
+    """Which kind of file."""
 
 
 def _run(args: Run) -> int:
@@ -206,6 +269,178 @@ def _reproduce(args: Reproduce) -> int:
         console.print(f"what was in {folder} was replaced")
     console.print(f"figures, tables and animation:  [bold]{folder}[/]", soft_wrap=True)
     return 0 if done.complete else 1
+
+
+def _sweep(args: Sweep) -> int:
+    for name, value, least in (
+        ("workers", args.workers, 0),
+        ("seed", args.seed, 0),
+        ("seeds", args.seeds, 1),
+    ):
+        if value < least:
+            raise MjmergeError(f"--{name} is {value}; it must be at least {least}")
+    if args.ladder and args.break_:
+        raise MjmergeError("--ladder and --break are two things: choose one")
+    if not (args.ladder or args.break_):
+        if args.set_ or args.seed or args.seeds != 1:
+            raise MjmergeError(
+                "a campaign has its own keys and seeds: --set, --seed and --seeds are for --break"
+            )
+        return _campaign(args)
+    return _ladder(args) if args.ladder else _break(args)
+
+
+def _processes(args: Sweep) -> int:
+    return args.workers or len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else [0])
+
+
+def _campaign(args: Sweep) -> int:
+    from rich.console import Console
+
+    from mjmerge import sweep_report
+    from mjmerge.campaign import plan
+    from mjmerge.sweep import TABLE, sweep
+
+    planned = plan(args.what)
+    folder = args.out or Path("sweeps") / planned.name
+    with _runs(len(planned.cases)) as progress:
+        found = sweep(planned, folder, processes=_processes(args), progress=progress)
+    sweep_report.write(planned, found, folder)
+    summary = sweep_report.summary(planned, found)
+    if args.json:
+        print(json.dumps(summary | {"out": str(folder)}))
+    else:
+        console = Console(highlight=False)
+        console.print(f"[bold]{planned.name}[/], {len(planned.cases)} runs")
+        console.print(sweep_report.rich_table(found))
+        if summary["worst"]:
+            console.print("the worst run:  ", end="")
+            console.print(summary["worst"][0]["command"], markup=False, soft_wrap=True)
+        console.print(f"table and report:  [bold]{folder / TABLE}[/], {sweep_report.REPORT}", soft_wrap=True)
+    return 3 if summary["stopped"] else 0
+
+
+def _ladder(args: Sweep) -> int:
+    from rich.console import Console
+
+    from mjmerge import ladder
+    from mjmerge.campaign import given
+    from mjmerge.run import prepare
+    from mjmerge.sweep import workers
+
+    with workers(_processes(args)) as team, _runs(len(ladder.RUNGS)) as progress:
+        found = ladder.climb(
+            args.what, given(args.set_), team, seed=args.seed, progress=lambda done: progress(done, 0)
+        )
+    folder = args.out or Path("ladders") / found.scenario.name
+    prepare(folder, args.out is None, ladder.FILES)
+    ladder.write(found, folder)
+    if args.json:
+        print(json.dumps(ladder.as_json(found) | {"out": str(folder)}))
+    else:
+        console = Console(highlight=False)
+        console.print(f"[bold]{found.scenario.name}[/], rung by rung")
+        console.print(ladder.rich_table(found))
+        console.print(f"plot and table:  [bold]{folder}[/]", soft_wrap=True)
+    return 3 if any(rung.row["stopped"] for rung in found.rungs) else 0
+
+
+def _break(args: Sweep) -> int:
+    from rich.console import Console
+
+    from mjmerge import breaking
+    from mjmerge.campaign import given
+    from mjmerge.loader import load
+    from mjmerge.run import prepare
+    from mjmerge.sweep import workers
+
+    settings = given(args.set_)
+    pairs = [text.split(",") for text in args.break_]
+    if any(len(pair) > 2 for pair in pairs) or (len(pairs) > 1 and any(len(pair) == 2 for pair in pairs)):
+        raise MjmergeError("--break takes axes one by one, or once two of them: --break AXIS,OTHER")
+    axes = [breaking.ranged(pair[0], args.what, settings) for pair in pairs]
+    across = breaking.ranged(pairs[0][1], args.what, settings) if len(pairs[0]) == 2 else None
+    name = load(args.what).name
+    folder = args.out or Path("breaking") / name
+    prepare(folder, args.out is None, breaking.FILES)
+    with workers(_processes(args)) as team:
+        found = breaking.search(
+            args.what,
+            args.plant,
+            axes,
+            settings,
+            team,
+            across=across,
+            until=args.until,
+            seeds=range(args.seed, args.seed + args.seeds),
+            progress=lambda text: print(text, file=sys.stderr),
+        )
+    title = f"{name} on {args.plant}"
+    breaking.write(found, folder, title, args.until, across)
+    if args.json:
+        print(
+            json.dumps(
+                {"scenario": name, "plant": args.plant, "until": args.until, "out": str(folder)}
+                | {"axes": breaking.as_json(found, across)}
+            )
+        )
+    else:
+        console = Console(highlight=False)
+        console.print(f"[bold]{title}[/]: the smallest mismatch that breaks it")
+        console.print(breaking.rich_table(found, across))
+        console.print(f"plot and every point:  [bold]{folder}[/]", soft_wrap=True)
+    return 0
+
+
+@contextmanager
+def _runs(total: int) -> Iterator[Callable[[float, int], None]]:
+    """A progress bar of runs on standard error, with their rate and the time left."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console, began = Console(stderr=True), time.monotonic()
+    columns = (TextColumn("running"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
+    with Progress(
+        *columns, TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal
+    ) as bars:
+        task = bars.add_task("running", total=total, rate="")
+
+        def advance(done: float, before: int) -> None:
+            rate = (done - before) / max(time.monotonic() - began, 1e-9)
+            bars.update(task, completed=int(done), rate=f"{rate:.3g} runs/s")
+
+        yield advance
+
+
+def _check(args: Check) -> int:
+    from rich.console import Console
+
+    from mjmerge import gate
+    from mjmerge.report import gate_failure, gate_json, gate_junit, gate_table
+
+    places = args.scenarios or (share.folder("scenarios"),)
+    rows = [r for r in gate.rows(places) if args.only in f"{r.file.stem}, {r.check.name}"]
+    if not rows:
+        raise MjmergeError(f"no row of the gate has {args.only!r} in its name")
+    with _progress(len(rows), "checking") as progress:
+        results = list(gate.run(rows, args.baselines, threads=args.threads, progress=progress))
+    said = gate.update(results, args.baselines) if args.update else []
+    if args.junit is not None:
+        try:
+            args.junit.write_bytes(gate_junit(results))
+        except OSError as error:
+            raise OutputError(f"cannot write {args.junit}: {error.strerror or error}") from error
+    failed = [result for result in results if result.problems]
+    if args.json:
+        print(json.dumps(gate_json(results)))
+    else:
+        console = Console(highlight=False)
+        console.print(gate_table(results))
+        for line in said or [gate_failure(result) for result in failed]:
+            console.print(line, markup=False, soft_wrap=True)
+    if any(result.stopped for result in results):
+        return 3
+    return 1 if failed and not args.update else 0
 
 
 def _theorem(args: Theorem) -> int:
@@ -306,6 +541,7 @@ def _list(args: List) -> int:
     from rich.table import Table
 
     from mjmerge.acceptance import acceptance
+    from mjmerge.campaign import described as campaign_line
     from mjmerge.drivers import kinds
     from mjmerge.law import VARIANTS
     from mjmerge.loader import data_sheet, load
@@ -320,6 +556,7 @@ def _list(args: List) -> int:
 
     what: dict[str, Callable[[], dict[str, str]]] = {
         "scenarios": lambda: {name: load(name).description for name in share.scenarios()},
+        "campaigns": lambda: {name: campaign_line(path) for name, path in share.campaigns().items()},
         "models": lambda: {name: described(name, folder) for name, folder in share.models().items()},
         "laws": lambda: VARIANTS,
         "drivers": lambda: {name: first_line(cls.__doc__) for name, cls in sorted(kinds().items())},
@@ -374,16 +611,19 @@ def _export(args: Export) -> int:
 
 
 def _schema(args: Schema) -> int:
+    from mjmerge.campaign import Campaign
     from mjmerge.loader import json_schema
+    from mjmerge.scenario import Scenario
 
-    del args
-    print(json_schema(), end="")
+    print(json_schema(Scenario if args.what == "scenario" else Campaign), end="")
     return 0
 
 
 _COMMANDS: dict[type, Callable[..., int]] = {
     Run: _run,
     Reproduce: _reproduce,
+    Sweep: _sweep,
+    Check: _check,
     Theorem: _theorem,
     Survey: _survey,
     Identify: _identify,
@@ -406,6 +646,8 @@ def main(argv: list[str] | None = None) -> None:
     args = tyro.cli(
         Annotated[Run, tyro.conf.subcommand("run")]
         | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+        | Annotated[Sweep, tyro.conf.subcommand("sweep")]
+        | Annotated[Check, tyro.conf.subcommand("check")]
         | Annotated[Theorem, tyro.conf.subcommand("theorem")]
         | Annotated[Survey, tyro.conf.subcommand("survey")]
         | Annotated[Identify, tyro.conf.subcommand("identify")]
@@ -423,7 +665,12 @@ def main(argv: list[str] | None = None) -> None:
         print(f"mjmerge: {error}", file=sys.stderr)
         sys.exit(_BAD_INPUT)
     except KeyboardInterrupt:
-        print("mjmerge: interrupted; what was recorded is kept as *.partial", file=sys.stderr)
+        kept = (
+            "what is finished is kept; run it again to go on"
+            if isinstance(args, Sweep)
+            else "what was recorded is kept as *.partial"
+        )
+        print(f"mjmerge: interrupted; {kept}", file=sys.stderr)
         sys.exit(130)
 
 

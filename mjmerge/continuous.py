@@ -68,7 +68,7 @@ class Equation:
         self._law, self._mu_0 = scenario.law, scenario.initial.mu
         self._z_0 = float(floored(scenario.law, np.array(scenario.initial.z)))
         self._traffic, self._believed, self._command = traffic, believed, _COMMANDS[plant]
-        self._plant = cast("Smooth", make(plant, scenario, None, runs=1, threads=0))
+        self._plant = cast("Smooth", make(plant, scenario, None, (scenario.mismatch,), threads=0))
         self._frame_mps = np.zeros(self._plant.state().shape[1:])
         self._frame_mps[:, 0] = scenario.initial.vehicle_1.speed_mps  # every plant's state begins with its x
 
@@ -98,7 +98,7 @@ class Equation:
         def f(time_s: float, x: Array) -> Array:
             cars, z = self._cars(time_s, x), self.z(x[None])
             u_j = self._traffic.intend(cars, min(max(time_s, first), last))
-            decision = decide(law, Sensed.of(cars, u_j), z)
+            decision = decide(law, Sensed.of(cars, u_j[:, 0]), z)
             u = np.concatenate([decision.u[:, None], u_j], axis=1)
             motion = self._plant.rate(self._command(cars, u, self._believed, law)) - self._frame_mps
             ln_z_rate, mu_rate = rates(law, z, x[-1:], decision.mu_input)
@@ -247,6 +247,10 @@ class Flow:
         del controls, running
         self._tick = min(self._tick + 1, len(self._motion) - 1)
         self._plant.put(self._motion[self._tick])
+
+    def contacts(self) -> tuple[Array, Array]:
+        """See :meth:`Plant.contacts`."""
+        return self._plant.contacts()
 
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""

@@ -23,6 +23,7 @@ import numpy as np
 
 from mjmerge.actuation import believed_sheets
 from mjmerge.metrics import Event, saturated
+from mjmerge.mismatch import column
 from mjmerge.state import Array, Mask, norm
 from mjmerge.trace import Trace
 
@@ -34,6 +35,8 @@ OBEYS_WINDOW_S, OBEYS_MPS = 0.1, 0.1
 """The ego moves as commanded if over this window its velocity changes as told to within this much."""
 BOUNDED_MPS, BOUNDED_MPS2 = 100.0, 50.0
 """A neighbour that is faster, or accelerates by more, is no road car: its motion is not bounded."""
+SEEN = 0.02
+"""The ego knows a distance if it is told it to within this part of r (1.2 cm at the paper's scale)."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,7 @@ def _neighbours_bounded(trace: Trace) -> Mask:
     v, window = trace.velocity_mps[:, :, 1:], _window(trace, OBEYS_WINDOW_S)
     broken = norm(v) > BOUNDED_MPS
     broken[:, window:] |= norm(v[:, window:] - v[:, :-window]) > BOUNDED_MPS2 * OBEYS_WINDOW_S
-    touched: Mask = np.logical_or.accumulate(np.any(trace.clearance_m <= 0, axis=2), axis=1)
+    touched: Mask = np.logical_or.accumulate(np.any(trace.touching, axis=2), axis=1)
     before: Mask = np.any(broken, axis=2) & ~touched
     return before
 
@@ -145,6 +148,13 @@ def _neighbours_apart(trace: Trace) -> Mask:
     return between & in_lane & (gap + r <= 2 * r)
 
 
+def _seen(trace: Trace) -> Mask:
+    """The ego knows the distances, to within ``SEEN`` of r."""
+    off = np.abs(trace.sensed_distance_m - trace.distance_m) > SEEN * trace.scenario.law.r_m
+    unseen: Mask = np.any(off, axis=2)
+    return unseen
+
+
 def _rolling(trace: Trace) -> Mask:
     """|v_r| >= eps_v: where the bicycle inverse is exact."""
     return np.abs(trace.speed_mps[:, :, 0]) < trace.scenario.law.eps_v_mps
@@ -152,7 +162,11 @@ def _rolling(trace: Trace) -> Mask:
 
 def _steers_within(trace: Trace) -> Mask:
     """|delta| < its limit; that of the bicycle equations is pi/2, a double integrator does not steer."""
-    limit = believed_sheets(trace.scenario)[0].steer_limit_rad if trace.plant == "mujoco" else pi / 2
+    limit = (
+        believed_sheets(trace.scenario)[0].steer_limit_rad
+        if trace.plant in ("bicycle_limited", "mujoco")
+        else pi / 2
+    )
     beyond: Mask = np.abs(trace.steer_rad[:, :, 0]) >= limit
     return beyond
 
@@ -191,12 +205,14 @@ def _sampled_finely(trace: Trace) -> Mask:
 
 
 def _prompt(trace: Trace) -> Mask:
-    """d_j > 2 k_o tau/pi: that gain is stable under the true command delay tau."""
-    bound = 2 * trace.scenario.law.k_o * trace.scenario.mismatch.command_delay_s / pi
-    return _within(trace, bound if trace.plant == "mujoco" else 0.0)
+    """d_j > 2 k_o tau/pi: that gain is stable under the true delay tau of commands and measurements."""
+    if trace.continuous:
+        return _within(trace, 0.0)
+    late_s = column(trace.mismatch, "sensing_delay_s") + column(trace.mismatch, "command_delay_s")
+    return _within(trace, 2 * trace.scenario.law.k_o * late_s[:, None, None] / pi)
 
 
-def _within(trace: Trace, bound_m: float) -> Mask:
+def _within(trace: Trace, bound_m: Array | float) -> Mask:
     """0 < d_j < bound: inside the margin it is too late for an excuse."""
     d = trace.distance_m
     near: Mask = np.any((d > 0) & (d < bound_m), axis=2)
@@ -210,6 +226,7 @@ HYPOTHESES: dict[str, Callable[[Trace], Mask]] = {
     "barrier is on": _barrier_on,
     "neighbours bounded": _neighbours_bounded,
     "neighbours leave 2r": _neighbours_apart,
+    "distances known": _seen,
     "ego rolls": _rolling,
     "steering within limit": _steers_within,
     "command within limits": _unsaturated,
@@ -237,7 +254,7 @@ def challenged(trace: Trace) -> Mask:
 
 def judge(trace: Trace) -> list[Verdict]:
     """The verdict on every simulation of a trace."""
-    unsafe: Mask = np.any(trace.distance_m <= 0, axis=2) | np.any(trace.clearance_m[:, :, :2] <= 0, axis=2)
+    unsafe: Mask = np.any(trace.distance_m <= 0, axis=2) | np.any(trace.touching[:, :, :2], axis=2)
     broken = {name: monitor(trace) for name, monitor in HYPOTHESES.items()}
     asked = challenged(trace)
     floor = trace.scenario.expect.min_distance_m.at_least

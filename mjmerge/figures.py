@@ -135,7 +135,7 @@ def distances(trace: Trace, ideal: Trace | None = None) -> Figure:
             ha="center",
             color=COLOURS[car],
         )
-    touching = np.flatnonzero(trace.clearance_m[0, :, :2].min(axis=1) <= 0)
+    touching = np.flatnonzero(trace.touching[0, :, :2].any(axis=1))
     if touching.size:
         top.axvline(t[touching[0]], color=LINE, linestyle="--", linewidth=1, label="bodies touch")
     top.margins(y=0.12)

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_args
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -44,21 +44,21 @@ def load(source: Source, overrides: Sequence[str] = ()) -> Scenario:
     if isinstance(source, Mapping):
         document, where, name, near = copied(source), "scenario", "scenario", None
     else:
-        path = _path(source)
-        document, where, name, near = _read(path), str(path), path.stem, path.parent
+        path = file_of("scenario", source, share.scenarios())
+        document, where, name, near = read(path), str(path), path.stem, path.parent
     if isinstance(document.value, dict):
         for text in overrides:
             document.override(text)
 
     sections: dict[str, Any] = {}
-    scenario = _validated(Scenario, document, sections)
+    scenario = validated(Scenario, document, sections)
     if "models" in sections:
         sections["models"], sheets = _models(sections["models"], near, document)
         if len(sheets) == len(CARS):
             sections["sheets"] = sheets
     for problem in check(sections):
         document.report(problem.message, problem.key)
-    _raise_problems(where, document)
+    raise_problems(where, document)
     assert scenario is not None, "what is not valid has problems"
     return scenario.model_copy(update={"models": sections["models"]}).named(name)
 
@@ -74,9 +74,9 @@ def data_sheet(model: str) -> DataSheet:
         UnknownNameError: there is no such model.
     """
     path = share.model_folder(model) / "datasheet.yaml"
-    document = _read(path)
-    sheet = _validated(DataSheet, document)
-    _raise_problems(path, document)
+    document = read(path)
+    sheet = validated(DataSheet, document)
+    raise_problems(path, document)
     assert sheet is not None, "what is not valid has problems"
     return sheet
 
@@ -98,25 +98,36 @@ def dump(scenario: Scenario) -> str:
     return text.getvalue()
 
 
-def json_schema() -> str:
+def json_schema(of: type[Frozen] = Scenario) -> str:
     """JSON Schema of scenario files, for editors; ``scenarios/schema.json`` is this text."""
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | Scenario.model_json_schema()
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | of.model_json_schema()
     return json.dumps(schema, indent=2) + "\n"
 
 
-def _path(source: str | Path) -> Path:
-    """File of a scenario given by name or path; a name is anything that does not look like a path."""
+def file_of(kind: str, source: str | Path, shipped: Mapping[str, Path], near: Path | None = None) -> Path:
+    """File of something given by name or path; a name is anything that does not look like a path.
+
+    Args:
+        kind: what it is, in words.
+        source: name of something shipped, or a path.
+        shipped: name to file.
+        near: where a relative path is looked for first, before the current folder.
+
+    Raises:
+        UnknownNameError: there is nothing of that name.
+    """
     if isinstance(source, str):
-        shipped = share.scenarios()
         if source in shipped:
             return shipped[source]
+        if near is not None and os.path.isfile(near / source):  # noqa: PTH113 (a name may be too long)
+            return near / source
         bare = Path(source).name == source and not source.endswith((".yaml", ".yml"))
         if bare and not os.path.exists(source):  # noqa: PTH110 (Path's raises where a name is too long)
-            raise UnknownNameError("scenario", source, shipped)
+            raise UnknownNameError(kind, source, shipped)
     return Path(source)
 
 
-def _read(path: Path) -> Document:
+def read(path: Path) -> Document:
     """A file's values; whatever keeps them from being read is a problem of the document."""
     data = b""
     try:
@@ -140,7 +151,7 @@ def _read(path: Path) -> Document:
     return document
 
 
-def _validated(
+def validated(
     model: type[_Model], document: Document, sections: dict[str, Any] | None = None
 ) -> _Model | None:
     """An instance, or ``None`` with the reasons reported; ``sections`` receives the fields that are valid."""
@@ -152,6 +163,8 @@ def _validated(
     except ValidationError as invalid:
         for error in invalid.errors(include_url=False):
             given = error["input"]
+            if error["type"] == "too_short" and given:
+                continue  # it is too short because what is in it is not valid
             if given is not UNREADABLE and not (isinstance(given, dict) and given.get("kind") is UNREADABLE):
                 document.report(*_explained(model, error))
     if sections is not None and isinstance(document.value, dict):
@@ -176,7 +189,7 @@ def _models(models: Models, near: Path | None, document: Document) -> tuple[Mode
     return models.model_copy(update=names), sheets
 
 
-def _raise_problems(where: str | Path, document: Document) -> None:
+def raise_problems(where: str | Path, document: Document) -> None:
     """Raise what was found, if anything: the file's own problems by line, then those from elsewhere."""
     found = dict.fromkeys(document.problems)  # a sheet that two cars share is read twice
     if found:
@@ -196,9 +209,11 @@ def _spot(model: type[Frozen], location: tuple[int | str, ...]) -> _Spot:
     """Follow a location through the schema; at a choice of drivers, pydantic puts the kind in between."""
     keys: list[str] = []
     field, holder, inside = "", model, [model]
+    named = False  # whether the next part is a name that the user chose
     for part in location:
-        if isinstance(part, int):
+        if isinstance(part, int) or named or not inside:
             keys.append(str(part))
+            named = False
         elif len(inside) > 1:
             inside = [kind for kind in inside if _kind(kind) == part]
         else:
@@ -206,6 +221,7 @@ def _spot(model: type[Frozen], location: tuple[int | str, ...]) -> _Spot:
             keys.append(part)
             info = holder.model_fields.get(part)
             inside = list(_models_in(info.annotation)) if info else []
+            named = info is not None and get_origin(info.annotation) is dict
     return _Spot(".".join(keys), field, holder, inside)
 
 
@@ -228,6 +244,9 @@ _MUST = {
     "string_type": "must be text",
     "tuple_type": "must be a list",
     "too_long": "must have {max_length} items",
+    "too_short": "must have at least {min_length} item",
+    "int_type": "must be a whole number",
+    "dict_type": "must be a mapping of keys",
     "model_type": "must be a mapping of keys",
     "model_attributes_type": "must be a mapping of keys",
     "literal_error": "must be {expected}",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjmerge.scenario import CARS
 from mjmerge.state import PAIRS, Array, Mask
@@ -54,6 +55,19 @@ def saturated(trace: Trace) -> Mask:
     return (np.abs(trace.torque_clipped_n_m) > 1e-9) | (np.abs(trace.steer_clipped_rad) > 1e-9)
 
 
+def touching_ticks_in_margin(trace: Trace) -> NDArray[np.int64]:
+    """Ticks in which the ego touches a neighbour although d_j > 0, (N, 2): too small a margin."""
+    found: NDArray[np.int64] = np.sum(trace.touching[..., :2] & (trace.distance_m > 0), axis=1)
+    return found
+
+
+def clear_ticks_without_margin(trace: Trace) -> NDArray[np.int64]:
+    """Ticks in which the ego is clear of a neighbour although d_j <= 0, (N, 2): more margin than need be."""
+    clear = ~trace.touching[..., :2] & ~np.isnan(trace.clearance_m[..., :2])
+    found: NDArray[np.int64] = np.sum(clear & (trace.distance_m <= 0), axis=1)
+    return found
+
+
 def events(trace: Trace, run: int = 0) -> list[Event]:
     """What happened in one simulation, in order of time."""
     found: list[Event] = []
@@ -98,8 +112,12 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
                 f"d_{j + 1} <= 0: inside the margin of {name}, down to {least:.3f} m{within(start, end)}",
             )
     for i, (a, b) in enumerate(PAIRS):
-        for start, end in spans(trace.clearance_m[run, :, i] <= 0):
-            add(start, "error", CARS[a], f"touches {CARS[b]}{within(start, end)}")
+        for start, end in spans(trace.touching[run, :, i]):
+            impulse = np.nansum(trace.contact_impulse_n_s[run, start:end, i])
+            speeds = trace.contact_speed_mps[run, start:end, i]
+            first = speeds[np.argmax(speeds > 0)]
+            hit = f" at {first:.2f} m/s, {impulse:.3g} N s" if impulse > 0 else ""
+            add(start, "error", CARS[a], f"touches {CARS[b]}{hit}{within(start, end)}")
     for c, name in enumerate(CARS):
         for start, end in spans(saturated(trace)[run, :, c]):
             add(start, "warning", name, f"is asked for more than it can do{within(start, end)}")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from mjmerge.decision import decision
 from mjmerge.facts import FACTS, Finding
 from mjmerge.figures import overview, save
 from mjmerge.metrics import MERGED_M, merged_at_s, saturated
+from mjmerge.record.manifest import versions
 from mjmerge.scenario import CARS
 from mjmerge.state import Array
 from mjmerge.trace import NEIGHBOURS, Trace
@@ -22,6 +25,7 @@ from mjmerge.trace import NEIGHBOURS, Trace
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from mjmerge.gate import Result
     from mjmerge.survey import Survey
     from mjmerge.theorem import Tally
 
@@ -224,6 +228,78 @@ def facts_markdown(findings: Mapping[str, Sequence[Finding]]) -> str:
         ),
     ]
     return "\n".join(lines) + "\n"
+
+
+def gate_table(results: Sequence[Result]) -> Table:
+    """Every row of the gate, for the terminal."""
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False)
+    for name in ("scenario", "row", "plant"):
+        grid.add_column(name, style="cyan" if name == "row" else None, no_wrap=True)
+    for name in ("floor", "min d_1", "min d_2", "moved"):
+        grid.add_column(name, justify="right")
+    grid.add_column("verdict")
+    for result in results:
+        row, m, before = result.row, result.measured, result.baseline
+        moved = "new"
+        if before is not None:
+            moved = f"{max(m.min_d_1_m - before.min_d_1_m, m.min_d_2_m - before.min_d_2_m, key=abs):+.4f}"
+        good = not result.problems
+        word = f"[{'green' if good else 'red'}]{'ok' if good else 'FAILED'}[/], {result.verdict.verdict}"
+        least = (f"{value:.3f}" for value in (row.check.at_least_m, m.min_d_1_m, m.min_d_2_m))
+        grid.add_row(row.file.stem, row.check.name, row.check.plant, *least, moved, word)
+    return grid
+
+
+def gate_failure(result: Result) -> str:
+    """Why a row fails, and how to see it, in lines."""
+    row, made = result.row, result.made_with
+    now = {name: version for name, version in versions().items() if name in made}
+    other = [f"{name} {made[name]} then, {now[name]} now" for name in now if now[name] != made[name]]
+    return "\n".join(
+        [
+            f"{row.file.stem}, {row.check.name}:",
+            *(f"  {problem}" for problem in result.problems),
+            *([f"  the baseline was made with other versions: {', '.join(other)}"] if other else []),
+            f"  see it:  {row.command}",
+        ]
+    )
+
+
+def gate_json(results: Sequence[Result]) -> dict[str, Any]:
+    """The gate for machines."""
+    rows = [
+        {
+            "scenario": r.row.file.stem,
+            "row": r.row.check.name,
+            "plant": r.row.check.plant,
+            "set": list(r.row.check.set),
+            "floor_m": r.row.check.at_least_m,
+            "measured": {name: _number(value) for name, value in asdict(r.measured).items()},
+            "baseline": r.baseline and {name: _number(value) for name, value in asdict(r.baseline).items()},
+            "baseline_versions": r.made_with,
+            "verdict": r.verdict.verdict,
+            "problems": list(r.problems),
+            "command": r.row.command,
+        }
+        for r in results
+    ]
+    failed = sum(bool(r.problems) for r in results)
+    return {"passed": not failed, "rows": rows, "failed": failed, "versions": versions()}
+
+
+def gate_junit(results: Sequence[Result]) -> bytes:
+    """The gate as JUnit XML, for continuous integration."""
+    failed = str(sum(bool(r.problems) for r in results))
+    suite = ElementTree.Element("testsuite", name="mjmerge check", tests=str(len(results)), failures=failed)
+    for r in results:
+        case = ElementTree.SubElement(suite, "testcase", classname=r.row.file.stem, name=r.row.check.name)
+        if r.problems:
+            why = ElementTree.SubElement(case, "failure", message="; ".join(r.problems))
+            why.text = gate_failure(r)
+    text: bytes = ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True)
+    return text
 
 
 def figure(trace: Trace, path: Path, run: int = 0) -> None:

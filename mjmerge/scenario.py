@@ -15,6 +15,7 @@ from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_
 from mjmerge import drivers as _drivers
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.frozen import Frozen
+from mjmerge.mismatch import Mismatch
 from mjmerge.units import Unit, rescaled
 
 CARS = ("ego", "vehicle_1", "vehicle_2")
@@ -27,7 +28,7 @@ else:
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
-Tyre = Literal["slip", "ideal"]
+Need = Literal["barrier", "grip"]
 Point = Annotated[tuple[float, float], Field(strict=False)]
 
 
@@ -128,17 +129,6 @@ class Belief(Frozen):
     """Rolling radius, m."""
 
 
-class Mismatch(Frozen):
-    """How the truth differs from what the law is told; only the ``mujoco`` plant has one. See mismatch.py."""
-
-    friction: Annotated[float, Field(gt=0, le=2)] = 1.0
-    """Coulomb friction between all tyres and the road, 1."""
-    tyres: Tyre = "slip"
-    """Tyres with the cornering stiffness of their cars, or such that do not slip below the limit."""
-    command_delay_s: Annotated[float, Field(ge=0, le=2)] = 0.0
-    """Dead time of the ego's steering and drive commands, s."""
-
-
 class Floor(Frozen):
     """A one-sided bound."""
 
@@ -151,6 +141,22 @@ class Expect(Frozen):
 
     min_distance_m: Floor = Floor()
     """Safety floor on min over t of d_1 and d_2, m. Whatever it says, d_j <= 0 and touching bodies fail."""
+
+
+class Check(Frozen):
+    """A row of the regression gate: this scenario under a mismatch, and what must hold then."""
+
+    name: Annotated[str, Field(pattern=r"^[\w .,+-]+$")]
+    """What the row is called."""
+    plant: str = "mujoco"
+    """What moves the cars."""
+    set: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Keys that are different in this row, as on the command line: mismatch.friction=0.3."""
+    at_least_m: float
+    """Safety floor on d_1 and d_2, m: one-sided, set by hand."""
+    needs: Annotated[tuple[Need, ...], Field(strict=False)] = ("barrier",)
+    """What must be put to the test, or the row is vacuous: barrier (it was really asked), grip (some car was
+    asked for more than the road gives)."""
 
 
 class Scenario(Frozen):
@@ -172,6 +178,8 @@ class Scenario(Frozen):
     belief: Belief = Belief()
     mismatch: Mismatch = Mismatch()
     expect: Expect = Expect()
+    gate: Annotated[tuple[Check, ...], Field(strict=False)] = ()
+    """Rows of the regression gate, see ``mjmerge check``."""
 
     _name: str = PrivateAttr(default="scenario")
 
@@ -192,7 +200,8 @@ class Scenario(Frozen):
         Accelerations stay, so that gravity and friction keep their meaning; everything else follows from its
         unit (k_o is a velocity, k_p is 1/s^2, ...). On the ideal plants the run is the same run at the other
         scale, with cars of that size (``models.size``). Physical cars come in their own size: for ``mujoco``,
-        choose models of the new one. How the neighbours keep their lane is not scaled.
+        choose models of the new one. The regression gate is left behind, and how the neighbours keep their
+        lane is not scaled.
 
         Args:
             length: s, the factor of lengths.
@@ -203,7 +212,7 @@ class Scenario(Frozen):
         """
         if not 0 < length < inf:
             raise MjmergeError(f"the scale must be a positive number, got {length}")
-        other = rescaled(self, length, sqrt(length))
+        other = rescaled(self, length, sqrt(length)).model_copy(update={"gate": ()})
         try:
             type(self).model_validate(other.model_dump())
         except ValidationError as invalid:
@@ -233,4 +242,4 @@ class Scenario(Frozen):
         return round(self.control_step_s / self.physics_step_s)
 
 
-Plant = Literal["double_integrator", "bicycle", "mujoco"]
+Plant = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]

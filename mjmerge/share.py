@@ -21,6 +21,11 @@ def scenarios() -> dict[str, Path]:
     return {p.stem: p for p in sorted(folder("scenarios").glob("*.yaml"))}
 
 
+def campaigns() -> dict[str, Path]:
+    """Shipped campaigns, name to file."""
+    return {p.stem: p for p in sorted((folder("scenarios") / "campaigns").glob("*.yaml"))}
+
+
 def models() -> dict[str, Path]:
     """Shipped car models, name to folder."""
     return {p.parent.name: p.parent for p in sorted(folder("models").glob("*/datasheet.yaml"))}

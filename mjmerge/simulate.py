@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from mjmerge.actuation import BelievedCars, actuate, believed_sheets
 from mjmerge.drivers import Traffic
-from mjmerge.law import Decision, Sensed, advance, decide
+from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant import make
 from mjmerge.scenario import CARS, Scenario
+from mjmerge.sensing import Sensing
 from mjmerge.state import Array, Cars, Controls
 from mjmerge.trace import Log, Sink, Stop, Trace
 from mjmerge.world import World, build
+
+Case = tuple[int, Mismatch]
+"""Seed and mismatch of one simulation."""
 
 _PROGRESS_TICKS = 20
 
@@ -30,6 +35,7 @@ def simulate(
     sink: Sink | None = None,
     progress: Callable[[float], None] | None = None,
     continuous: bool = False,
+    cases: Sequence[Case] | None = None,
 ) -> Trace:
     """Runs a scenario N times; run i has the seed ``seed + i`` and the same bits alone or among others.
 
@@ -44,6 +50,8 @@ def simulate(
         progress: called now and then with the simulated time, s.
         continuous: in continuous time, to the accuracy of ``mjmerge.continuous``: no command is held. For the
             two ideal plants.
+        cases: seed and mismatch of each simulation, in place of ``runs``, ``seed`` and the scenario's
+            mismatch. In continuous time there is no mismatch.
 
     Returns:
         The trace. A simulation that fails stops there, is named in ``trace.stops``, and is NaN from then on.
@@ -53,17 +61,21 @@ def simulate(
         ModelError: a car model lacks what is needed of it.
         MjmergeError: the plant has no continuous time.
     """
+    if cases is None:
+        cases = [(seed + i, scenario.mismatch) for i in range(runs)]
+    mismatch = tuple(m for _, m in cases)
+    seeds, runs = np.array([s for s, _ in cases], dtype=np.int64), len(cases)
     if world is None and (plant == "mujoco" or sink is not None):
-        world = build(scenario)
+        world = build(scenario, mismatch)
     law, h = scenario.law, scenario.control_step_s
     drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
-    seeds = np.arange(seed, seed + runs)
-    moving = make(plant, scenario, world, runs, threads)
+    moving = make(plant, scenario, world, mismatch, threads)
+    sense = Sensing(() if continuous else mismatch, seeds.tolist(), h)
     traffic = Traffic.of(drivers, seeds.tolist(), scenario.duration_s, moving.observe().front_m[:, 1:, 1])
     believed = BelievedCars.of(believed_sheets(scenario), limited=moving.limited)
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
-    log = Log(scenario, plant, seeds, sink, continuous=continuous)
+    log = Log(scenario, plant, seeds, mismatch, sink, continuous=continuous)
     opinion = advance
     if continuous:
         from mjmerge.continuous import solve  # scipy takes its time to import
@@ -83,14 +95,17 @@ def simulate(
 
         # decide: the neighbours first, then the ego, which knows what the leader intends
         u_j = traffic.intend(cars, t)
-        decision = decide(law, Sensed.of(cars, u_j), z)
+        seen, u_1 = sense(cars, u_j[:, 0])
+        decision = decide(law, Sensed.of(seen, u_1), z)
+        truth = decision.geometry if sense.exact else geometry(law, Sensed.of(cars, u_j[:, 0]))
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
-        controls = actuate(cars, u, believed, law.eps_v_mps, h)
+        controls = actuate(seen, u, believed, law.eps_v_mps, h)
 
         # record
-        log.write(_row(cars, controls, decision, z, mu), running, lambda: moving.qpos()[0])
+        row = _row(cars, seen, truth, controls, decision, z, mu, moving.contacts())
+        log.write(row, running, lambda: moving.qpos()[0])
         if progress is not None and k % _PROGRESS_TICKS == 0:
             progress(t)
 
@@ -100,19 +115,31 @@ def simulate(
     return log.finish()
 
 
-def _row(cars: Cars, controls: Controls, decision: Decision, z: Array, mu: Array) -> dict[str, Array]:
+def _row(
+    cars: Cars,
+    seen: Cars,
+    truth: Geometry,
+    controls: Controls,
+    decision: Decision,
+    z: Array,
+    mu: Array,
+    contacts: tuple[Array, Array],
+) -> dict[str, Array]:
     """One tick, as the columns of the trace."""
     return {
         "opinion": z,
         "mu": mu,
         "weight": decision.w,
-        "distance_m": decision.d,
-        "distance_rate_mps": decision.d_dot,
+        "distance_m": truth.d,
+        "distance_rate_mps": truth.d_dot,
+        "sensed_distance_m": decision.geometry.d,
         "mu_input_per_s": decision.mu_input,
-        "gap_m": decision.dbar,
-        "gap_rate_mps": decision.dbar_dot,
+        "gap_m": truth.dbar,
+        "gap_rate_mps": truth.dbar_dot,
         "clearance_m": cars.clearance_m,
-        "target_m": cars.front_m[:, 1] + decision.e_1_star,
+        "contact_impulse_n_s": contacts[0],
+        "contact_speed_mps": contacts[1],
+        "target_m": seen.front_m[:, 1] + decision.e_1_star,
         "u_n_mps2": decision.u_n,
         "u_c_mps2": decision.u_c,
         "u_mps2": controls.u_mps2,

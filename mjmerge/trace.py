@@ -13,6 +13,7 @@ from typing import Annotated, Protocol, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Mask
 
@@ -85,6 +86,8 @@ class Trace:
     plant: str
     seeds: NDArray[np.int64]
     """Seed of each simulation, (N,): run i alone, with this seed, gives the same bits."""
+    mismatch: tuple[Mismatch, ...]
+    """How the truth of each simulation differs from what its law was told, N of them."""
     stops: tuple[Stop, ...]
     """Simulations that ended early."""
     continuous: bool
@@ -98,9 +101,17 @@ class Trace:
     weight: Annotated[Array, Meaning("w", "weight of the merge in the target, tanh(k_w z)")]
     distance_m: Annotated[Array, Meaning("d_j", "distance of the front axles less r", NEIGHBOURS)]
     distance_rate_mps: Annotated[Array, Meaning("d_j'", "rate of that distance", NEIGHBOURS)]
+    sensed_distance_m: Annotated[Array, Meaning("d_j seen", "the same as the ego is told", NEIGHBOURS)]
     gap_m: Annotated[Array, Meaning("dbar", "gap between the neighbours, |p_2 - p_1| - r")]
     gap_rate_mps: Annotated[Array, Meaning("dbar'", "rate of that gap")]
     clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIR_NAMES)]
+    contact_impulse_n_s: Annotated[
+        Array,
+        Meaning("impulse", "of the contact between the bodies, over the tick that ends here", PAIR_NAMES),
+    ]
+    contact_speed_mps: Annotated[
+        Array, Meaning("impact", "how fast they moved against each other as that tick began", PAIR_NAMES)
+    ]
     target_m: Annotated[Array, Meaning("p_1 + e_1*", "where the nominal law wants the ego", XY)]
     u_n_mps2: Annotated[Array, Meaning("u_n", "nominal tracking command of the ego", XY)]
     u_c_mps2: Annotated[Array, Meaning("u_c", "barrier command of the ego", XY)]
@@ -126,6 +137,11 @@ class Trace:
     def min_distance_m(self) -> Array:
         """Smallest d_1 and d_2 of each simulation, m, (N, 2); NaN rows where a run has no data at all."""
         return _least(self.distance_m)
+
+    @property
+    def touching(self) -> Mask:
+        """Whether two bodies touch at a tick or did since the last, (N, T, 3); never where there are none."""
+        return (self.clearance_m <= 0) | (self.contact_impulse_n_s > 0)
 
     @property
     def min_clearance_m(self) -> Array:
@@ -180,12 +196,13 @@ class Log:
         scenario: Scenario,
         plant: str,
         seeds: NDArray[np.int64],
+        mismatch: tuple[Mismatch, ...],
         sink: Sink | None = None,
         *,
         continuous: bool = False,
     ) -> None:
         self._scenario, self._plant, self._seeds, self._sink = scenario, plant, seeds, sink
-        self._continuous = continuous
+        self._mismatch, self._continuous = mismatch, continuous
         self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
         self.columns = {c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan) for c in COLUMNS}
         self._stops: list[Stop] = []
@@ -240,6 +257,7 @@ class Log:
             scenario=self._scenario,
             plant=self._plant,
             seeds=self._seeds,
+            mismatch=self._mismatch,
             stops=tuple(self._stops),
             continuous=self._continuous,
             time_s=self.time_s,

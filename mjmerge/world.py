@@ -8,8 +8,9 @@ and the recorders rely on.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 from math import ceil
 from pathlib import Path
@@ -17,12 +18,14 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from mjmerge import share
 from mjmerge.datasheet import DataSheet
 from mjmerge.errors import ModelError, nearest
 from mjmerge.loader import data_sheet
-from mjmerge.scenario import CARS, Scenario, Tyre
+from mjmerge.mismatch import Mismatch, Tyre
+from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Array
 
 with warnings.catch_warnings():  # dm_control looks for a window on import, and warns where there is none
@@ -102,13 +105,33 @@ class World:
         stiffness = self.number("cornering_stiffness_n_per_rad")
         return np.where(self.tyres == "slip", stiffness, np.inf)
 
-    def axle_mass_kg(self) -> Array:
-        """What stands on each car's front and rear axle, (C, 2)."""
+    def ids(self, kind: str, name: str) -> NDArray[np.intp]:
+        """Ids of what each car has at each wheel: ``ids("geom", "tyre_{}")`` is (C, 4)."""
+        found = getattr(self.model, kind)
+        return np.array([[found(f"{car}/{name.format(w)}").id for w in WHEELS] for car in self.cars])
+
+    @property
+    def pairs(self) -> NDArray[np.intp]:
+        """Ids of the contacts of the wheels with the road, (C, 4)."""
+        return np.array([[self.model.pair(f"{car}_road_{w}").id for w in WHEELS] for car in self.cars])
+
+    @cached_property
+    def centre_m(self) -> Array:
+        """The first car's centre of mass in the frame of its chassis, m, (3,)."""
         data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, data)
+        chassis = self.model.body(f"{self.cars[0]}/chassis").id
+        centre: Array = data.subtree_com[chassis] - data.xpos[chassis]
+        return centre
+
+    def axle_mass_kg(self, model: mujoco.MjModel | None = None) -> Array:
+        """What stands on each car's front and rear axle, (C, 2); of another model of the same cars."""
+        model = model or self.model
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
         found = []
         for car in self.cars:
-            chassis = self.model.body(f"{car}/chassis")
+            chassis = model.body(f"{car}/chassis")
             front, rear = (data.site(f"{car}/{axle}_axle").xpos[0] for axle in ("front", "rear"))
             share = (data.subtree_com[chassis.id][0] - rear) / (front - rear)
             found.append(chassis.subtreemass[0] * np.array([share, 1 - share]))
@@ -163,18 +186,26 @@ class World:
         return qvel
 
 
-def build(scenario: Scenario) -> World:
+def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> World:
     """Composes and compiles the world of a scenario.
+
+    Args:
+        scenario: its models, steps and road.
+        mismatch: what will be different in the simulations of this world; by default the scenario's.
+
+    One world serves them all: what differs from one to the next is set by the plant.
 
     Raises:
         ModelError: a car model lacks something, or the composition lost an option.
     """
+    mismatch = mismatch or (scenario.mismatch,)
     return compose(
         {car: getattr(scenario.models, car) for car in CARS},
-        friction=scenario.mismatch.friction,
-        tyres=scenario.mismatch.tyres,
-        delays_s={"ego": scenario.mismatch.command_delay_s},
+        friction=mismatch[0].friction,
+        tyres=mismatch[0].tyres,
+        delays_s={"ego": max(m.command_delay_s for m in mismatch)},
         physics_step_s=scenario.physics_step_s,
+        substeps=scenario.substeps,
         draw=lambda root: _mark_lanes(root, scenario),
     )
 
@@ -191,6 +222,7 @@ def compose(
     tyres: Tyre = "slip",
     delays_s: Mapping[str, float] | None = None,
     physics_step_s: float = 0.001,
+    substeps: int = 1,
     draw: Callable[[mjcf.RootElement], None] | None = None,
 ) -> World:
     """Composes and compiles a world of cars on a plane.
@@ -201,6 +233,7 @@ def compose(
         tyres: whether they slip.
         delays_s: dead time of the commands of a car, s, by its name.
         physics_step_s: time step, s.
+        substeps: time steps of a control step, over which the forces between the cars are kept.
         draw: adds to the picture of the road.
 
     Raises:
@@ -241,6 +274,15 @@ def compose(
             geom1=f"{a}/hull",
             geom2=f"{b}/hull",
             cutoff=_CLEARANCE_CUTOFF_M,
+        )
+        root.sensor.add(
+            "contact",
+            name=f"contact_{a}_{b}",
+            geom1=f"{a}/hull",
+            geom2=f"{b}/hull",
+            reduce="netforce",
+            data="force pos",
+            nsample=substeps,
         )
 
     xml = root.to_xml_string()
@@ -304,7 +346,7 @@ def _add_car(
             solimp=(HARDEST, HARDEST, 0.001, 0.5, 2.0),
         )
     if delay_s > 0:
-        for name in DRIVE + BRAKE + STEER:
+        for name in DRIVE + STEER:  # a brake is a damper here: the plant delays its torque
             actuator = model.find("actuator", name)
             if actuator is not None:
                 actuator.delay = delay_s

@@ -28,6 +28,7 @@ def make_trace() -> Callable:
             scenario=scenario,
             plant=plant,
             seeds=np.arange(runs),
+            mismatch=(scenario.mismatch,) * runs,
             stops=tuple(stops),
             continuous=continuous,
             time_s=np.arange(ticks) * 0.01,

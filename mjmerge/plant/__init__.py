@@ -1,13 +1,16 @@
 """Plants: what moves the cars. A ladder from the paper's own world to real physics, one interface.
 
-``double_integrator`` takes u, ``bicycle`` takes (a, omega), ``mujoco`` takes wheel torques and angles.
+``double_integrator`` takes u, ``bicycle`` takes (a, omega), ``bicycle_limited`` and ``mujoco`` take wheel
+torques and steering angles.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 
 from mjmerge.errors import ModelError, UnknownNameError
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.scenario import Scenario
 from mjmerge.world import World
@@ -17,6 +20,7 @@ __all__ = ["PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
 PLANTS: dict[str, str] = {
     "double_integrator": "front axles are point masses: the paper's proof",
     "bicycle": "kinematic bicycles without limits: the paper's vehicle model",
+    "bicycle_limited": "kinematic bicycles with the mass and the limits of their cars",
     "mujoco": "physical cars with mass, tyres, suspension, servos and limits",
 }
 """What each plant is, by name."""
@@ -33,14 +37,16 @@ def check(name: str, scenario: Scenario) -> None:
         )
 
 
-def make(name: str, scenario: Scenario, world: World | None, runs: int, threads: int) -> Plant:
+def make(
+    name: str, scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int
+) -> Plant:
     """The plant of that name, at t = 0.
 
     Args:
         name: one of :data:`PLANTS`.
         scenario: initial state and steps.
         world: the compiled world; only ``mujoco`` needs it.
-        runs: number of simulations N.
+        mismatch: what is different in truth in each of the N simulations.
         threads: threads for the physics, 0 for all cores.
 
     Raises:
@@ -48,5 +54,5 @@ def make(name: str, scenario: Scenario, world: World | None, runs: int, threads:
         ModelError: it has no cars of that size.
     """
     check(name, scenario)
-    plant: Plant = import_module(f"mjmerge.plant.{name}").make(scenario, world, runs, threads)
+    plant: Plant = import_module(f"mjmerge.plant.{name}").make(scenario, world, mismatch, threads)
     return plant

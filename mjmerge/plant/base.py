@@ -37,6 +37,13 @@ class Plant(Protocol):
     def step(self, controls: Controls, running: Mask) -> None:
         """One control step further, for the simulations that still run, (N,)."""
 
+    def contacts(self) -> tuple[Array, Array]:
+        """How hard the bodies hit each other over the control step that ended, pair by pair, each (N, P).
+
+        The impulse between them, N s, and how fast they moved against each other when they touched first in
+        it, m/s; both 0 where they did not, and NaN where the plant has no bodies.
+        """
+
     def faults(self) -> list[Fault]:
         """Simulations whose state is no longer a state of cars on wheels."""
 

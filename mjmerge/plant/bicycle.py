@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from mjmerge.bicycle import derivative, front_velocity
 from mjmerge.loader import car_sheets
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault
-from mjmerge.plant.kinematic import no_clearance, runaway, standing, start
+from mjmerge.plant.kinematic import Arrivals, no_bodies, runaway, standing, start
 from mjmerge.scenario import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask
 from mjmerge.world import World
@@ -18,10 +21,10 @@ class Bicycle:
 
     limited = False
 
-    def __init__(self, state: Array, wheelbase_m: Array, step_s: float, world: World | None) -> None:
-        self._x, self._L, self._h = state, wheelbase_m, step_s
+    def __init__(self, state: Array, wheelbase_m: Array, arrivals: Arrivals, world: World | None) -> None:
+        self._x, self._L, self._arrivals = state, wheelbase_m, arrivals
         self._world = world
-        self._clearance_m = no_clearance(len(state))
+        self._no_bodies = no_bodies(len(state))
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`."""
@@ -34,22 +37,24 @@ class Bicycle:
             speed_mps=v_r,
             steer_rad=delta,
             steer_command_rad=delta,
-            clearance_m=self._clearance_m,
+            clearance_m=self._no_bodies,
         )
 
     def step(self, controls: Controls, running: Mask) -> None:
         """See :meth:`Plant.step`."""
-        a, omega = controls.a_mps2, controls.omega_radps
-        h, x = self._h, self._x
+        for duration_s, (a, omega) in self._arriving(controls):
+            h, x = duration_s[..., None], self._x
+            k_1 = derivative(self._L, x, a, omega)
+            k_2 = derivative(self._L, x + h / 2 * k_1, a, omega)
+            k_3 = derivative(self._L, x + h / 2 * k_2, a, omega)
+            k_4 = derivative(self._L, x + h * k_3, a, omega)
+            moves = running[:, None, None] & (h > 0)
+            self._x = np.where(moves, x + h / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4), x)
 
-        def rate(state: Array) -> Array:
-            return derivative(self._L, state, a, omega)
-
-        k_1 = rate(x)
-        k_2 = rate(x + h / 2 * k_1)
-        k_3 = rate(x + h / 2 * k_2)
-        k_4 = rate(x + h * k_3)
-        self._x = np.where(running[:, None, None], x + h / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4), x)
+    def _arriving(self, controls: Controls) -> Iterator[tuple[Array, tuple[Array, Array]]]:
+        """What is in force in the coming control step: for how long, s, and (a, omega), all (N, C)."""
+        for duration_s, told in self._arrivals(np.stack([controls.a_mps2, controls.omega_radps], axis=-1)):
+            yield duration_s, (told[..., 0], told[..., 1])
 
     def state(self) -> Array:
         """See :meth:`Smooth.state`."""
@@ -63,6 +68,10 @@ class Bicycle:
         """See :meth:`Smooth.rate`; the command is (a, omega), m/s^2 and rad/s."""
         return derivative(self._L, self._x, command[..., 0], command[..., 1])
 
+    def contacts(self) -> tuple[Array, Array]:
+        """See :meth:`Plant.contacts`."""
+        return self._no_bodies, self._no_bodies
+
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
         return runaway(self._x)
@@ -72,13 +81,18 @@ class Bicycle:
         return standing(self._world, self.observe())
 
 
-def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> Bicycle:
+def make(scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int) -> Bicycle:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     del threads
+    return Bicycle(*upright(scenario, len(mismatch)), Arrivals(mismatch, scenario.control_step_s), world)
+
+
+def upright(scenario: Scenario, runs: int) -> tuple[Array, Array]:
+    """State of N simulations at t = 0, (N, C, 5), and the wheelbases, m, (C,)."""
     front_m, speed_mps = start(scenario, runs)
     wheelbase = np.array([sheet.wheelbase_m for sheet in car_sheets(scenario)])
     state = np.zeros((*speed_mps.shape, 5))
     state[..., 0] = front_m[..., 0] - wheelbase
     state[..., 1] = front_m[..., 1]
     state[..., 3] = speed_mps
-    return Bicycle(state, wheelbase, scenario.control_step_s, world)
+    return state, wheelbase

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault
-from mjmerge.plant.kinematic import no_clearance, runaway, standing, start
+from mjmerge.plant.kinematic import Arrivals, no_bodies, runaway, standing, start
 from mjmerge.scenario import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
 from mjmerge.world import World
@@ -16,11 +19,11 @@ class DoubleIntegrator:
 
     limited = False
 
-    def __init__(self, front_m: Array, velocity_mps: Array, step_s: float, world: World | None) -> None:
-        self._p, self._v, self._h = front_m, velocity_mps, step_s
+    def __init__(self, front_m: Array, velocity_mps: Array, arrivals: Arrivals, world: World | None) -> None:
+        self._p, self._v, self._arrivals = front_m, velocity_mps, arrivals
         self._nothing = np.full(front_m.shape[:2], np.nan)
         self._world = world
-        self._clearance_m = no_clearance(len(front_m))
+        self._no_bodies = no_bodies(len(front_m))
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`; the heading is where the point is going."""
@@ -31,14 +34,16 @@ class DoubleIntegrator:
             speed_mps=norm(self._v),
             steer_rad=self._nothing,
             steer_command_rad=self._nothing,
-            clearance_m=self._clearance_m,
+            clearance_m=self._no_bodies,
         )
 
     def step(self, controls: Controls, running: Mask) -> None:
         """See :meth:`Plant.step`."""
-        h, u, moves = self._h, controls.u_mps2, running[:, None, None]
-        self._p = np.where(moves, self._p + h * self._v + (h * h / 2) * u, self._p)
-        self._v = np.where(moves, self._v + h * u, self._v)
+        for duration_s, u in self._arrivals(controls.u_mps2):
+            t = duration_s[..., None]
+            moves = running[:, None, None] & (t > 0)
+            self._p = np.where(moves, self._p + t * self._v + (t * t / 2) * u, self._p)
+            self._v = np.where(moves, self._v + t * u, self._v)
 
     def state(self) -> Array:
         """See :meth:`Smooth.state`: p and v."""
@@ -52,6 +57,10 @@ class DoubleIntegrator:
         """See :meth:`Smooth.rate`; the command is u, m/s^2."""
         return np.concatenate([self._v, command], axis=-1)
 
+    def contacts(self) -> tuple[Array, Array]:
+        """See :meth:`Plant.contacts`."""
+        return self._no_bodies, self._no_bodies
+
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
         return runaway(self.state())
@@ -61,9 +70,11 @@ class DoubleIntegrator:
         return standing(self._world, self.observe())
 
 
-def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> DoubleIntegrator:
+def make(
+    scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int
+) -> DoubleIntegrator:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     del threads
-    front_m, speed_mps = start(scenario, runs)
+    front_m, speed_mps = start(scenario, len(mismatch))
     velocity = np.stack([speed_mps, np.zeros_like(speed_mps)], axis=-1)
-    return DoubleIntegrator(front_m, velocity, scenario.control_step_s, world)
+    return DoubleIntegrator(front_m, velocity, Arrivals(mismatch, scenario.control_step_s), world)

@@ -1,16 +1,57 @@
-"""What the two ideal plants share: initial arrays, and what a fault is without bodies."""
+"""What the plants without bodies share: how commands reach them, initial arrays, and what a fault is."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from mjmerge.actuation import ackermann
+from mjmerge.mismatch import Mismatch, column
 from mjmerge.plant.base import Fault
 from mjmerge.scenario import CARS, Scenario
+from mjmerge.sensing import Past
 from mjmerge.state import PAIRS, Array, Cars, Mask
 from mjmerge.world import World
 
 _BEYOND = 1e9  # m, m/s, rad: the loop has diverged, and would overflow before it is infinite
+
+
+class Arrivals:
+    """The commands of N simulations as they reach the cars: the ego's late, the others' at once.
+
+    A dead time of whole and broken control steps is kept exactly: within a step the older command is in
+    force first, then the newer. Before the first one arrives the command is 0.
+    """
+
+    def __init__(self, mismatch: Sequence[Mismatch], step_s: float) -> None:
+        """Args: what is different in truth in each simulation; the control step, s."""
+        self.step_s = step_s
+        delay_s = column(mismatch, "command_delay_s")
+        self._past: Past | None = None
+        self._any = bool(delay_s.any())
+        if self._any:
+            self._newer_s = np.floor(delay_s / step_s + 1e-9) * step_s
+            self._longest_s = float(self._newer_s.max()) + step_s
+            self._older_for_s = np.maximum(delay_s - self._newer_s, 0.0)
+
+    def __call__(self, command: Array) -> list[tuple[Array, Array]]:
+        """The commands of the coming control step, (N, C, K), each with how long it is in force, s, (N, C).
+
+        Call it once per control step, with what the cars are told at its beginning.
+        """
+        if not self._any:
+            return [(np.full((1, 1), self.step_s), command)]
+        if self._past is None:
+            self._past = Past(np.zeros_like(command[:, 0]), self._longest_s, self.step_s)
+        self._past.push(command[:, 0])
+        late = []
+        for age_s in (self._newer_s + self.step_s, self._newer_s):
+            late.append(command.copy())
+            late[-1][:, 0] = self._past.ago(age_s)
+        older_for_s = np.zeros(command.shape[:2])
+        older_for_s[:, 0] = self._older_for_s
+        return [(older_for_s, late[0]), (self.step_s - older_for_s, late[1])]
 
 
 def start(scenario: Scenario, runs: int) -> tuple[Array, Array]:
@@ -34,8 +75,8 @@ def standing(world: World | None, cars: Cars) -> Array:
     )
 
 
-def no_clearance(runs: int) -> Array:
-    """Clearance of a plant without bodies: unknown, (N, P)."""
+def no_bodies(runs: int) -> Array:
+    """What bodies would do to each other, of a plant that has none: unknown, (N, P)."""
     return np.full((runs, len(PAIRS)), np.nan)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import mujoco
@@ -11,10 +11,12 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from mjmerge.actuation import AIR_KG_PER_M3, CRAWL_MPS, ROLLS_MPS, bicycle_angle
+from mjmerge.mismatch import Mismatch, column
 from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import start
-from mjmerge.plant.tyre import Tyres
+from mjmerge.plant.truth import Truth
 from mjmerge.scenario import Scenario
+from mjmerge.sensing import Past
 from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.world import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER, WHEELS, World
 
@@ -42,6 +44,7 @@ class MuJoCo:
         substeps: int,
         threads: int = 0,
         heading_rad: Array | None = None,
+        mismatch: Sequence[Mismatch] | None = None,
     ) -> None:
         """At t = 0, with the cars rolling straight ahead.
 
@@ -52,9 +55,14 @@ class MuJoCo:
             substeps: physics steps per control step.
             threads: threads for the physics, 0 for all cores.
             heading_rad: headings, rad, (N, C); along the road by default.
+            mismatch: what is different in each simulation, N of them; by default all are as the world is.
+
+        Raises:
+            ModelError: the world was built for shorter delays, or a car lacks what is to be changed.
         """
         model, cars = world.model, world.cars
         runs = len(front_m)
+        truth = Truth.of(world, mismatch)
         self.batch = Batch(model, nsim=runs, nthread=threads)
         self._cars, self._substeps = cars, substeps
         self._step_s = substeps * model.opt.timestep
@@ -81,17 +89,17 @@ class MuJoCo:
         there = {model.actuator(i).name: i for i in range(model.nu)}
         motors = [(c, w, f"{car}/{n}") for c, car in enumerate(cars) for w, n in enumerate(DRIVE)]
         self._motors = np.array([(c, w, there[name]) for c, w, name in motors if name in there]).T
-        self._spin_at = np.array([[model.joint(f"{car}/spin_{w}").dofadr[0] for w in WHEELS] for car in cars])
+        self._spin_at = model.jnt_dofadr[world.ids("joint", "spin_{}")]
 
         self._spin_limit_radps = world.number("spin_limit_radps")[:, None]
         driven = np.bincount(self._motors[0], minlength=len(cars))
         self._motor_limit_w = (world.number("power_limit_w") / driven)[:, None]
-        self._most_turn_rad = world.number("steer_rate_limit_radps")[:, None] * self._step_s
-        weight_n = world.axle_mass_kg().sum(axis=1) * -model.opt.gravity[2]
-        self._brake_limit_n_m = model.actuator_forcerange[self._brake_at, 1]
-        self._radius_m = np.array([[model.geom(f"{car}/tyre_{w}").size[0] for w in WHEELS] for car in cars])
-        self._unmoved_n_m = _HELD_MPS2 * world.axle_mass_kg().sum(axis=1) * self._radius_m[:, 0]
-        self._rolling_n = world.number("rolling_resistance") * weight_n
+        rate = truth.steer_rate * world.number("steer_rate_limit_radps")
+        self._most_turn_rad = rate[..., None] * self._step_s
+        self._brake_limit_n_m = truth.brake_limit_n_m
+        self._radius_m = truth.radius_m
+        self._unmoved_n_m = _HELD_MPS2 * truth.mass_kg * self._radius_m[..., 0]
+        self._rolling_n = world.number("rolling_resistance") * (truth.mass_kg * truth.down_mps2)
         self._drag_n_per_mps2 = AIR_KG_PER_M3 / 2 * world.number("drag_area_m2")
 
         # geometry of its own cars, to turn two wheel angles into one: what a steering sensor reports
@@ -103,17 +111,45 @@ class MuJoCo:
         heading = still if heading_rad is None else heading_rad
         self._qpos[:] = world.qpos(front_m, heading, np.stack([still, still], axis=-1), still)
         self._qvel[:] = world.qvel(speed_mps, heading)
-        self._tyres = Tyres.of(world)
+        self._qvel[:, self._spin_at] = speed_mps[..., None] / self._radius_m
+        height_at = np.array([model.joint(f"{car}/free/").qposadr[0] + 2 for car in cars])
+        own_m = model.geom_size[world.ids("geom", "tyre_{}"), 0]
+        self._qpos[:, height_at] += (self._radius_m - own_m)[..., 0]
+        for name, values in truth.changed.items():
+            self.batch.expand(name)[:] = values
+        self._tyres, self._friction, self._off_patch = truth.tyres, truth.friction, truth.friction
         self._yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
         self._wheels_m = world.wheels_m()
-        pairs = np.array([[model.pair(f"{car}_road_{w}").id for w in WHEELS] for car in cars])
+        self._patch: _Patch | None = None
+        self._lag: _Lag | None = None
+        self._late: Past | None = None
+        if mismatch is not None:
+            self._mismatched(mismatch)
+        pairs = world.pairs
         self._impedance = self.batch.expand("pair_solimp")
         self._damping = self.batch.expand("pair_solreffriction")
         self._pairs = slice(int(pairs[0, 0]), int(pairs[-1, -1]) + 1)
         assert np.array_equal(pairs.ravel(), np.arange(self._pairs.start, self._pairs.stop))
+        self._contacts = _Contacts(world, self.batch, substeps)
         self.batch.forward()
         self._sense()
         self._grip()
+
+    def _mismatched(self, mismatch: Sequence[Mismatch]) -> None:
+        """What a mismatch changes outside the model; none of it where no simulation has it."""
+        wind_n = column(mismatch, "side_wind_n")
+        if wind_n.any():
+            chassis = self.batch.model.body(f"{self._cars[0]}/chassis").id
+            self.batch.bind("xfrc_applied")[:, chassis, 1] = wind_n
+        if any(m.patch_friction is not None for m in mismatch):
+            self._patch = _Patch.of(mismatch)
+            self._pair_friction = self.batch.expand("pair_friction")
+        lag_s, delay_s = column(mismatch, "drive_lag_s"), column(mismatch, "command_delay_s")
+        if lag_s.any():
+            self._lag = _Lag(lag_s, self._step_s, len(WHEELS))
+        if delay_s.any():
+            first = np.zeros((len(mismatch), len(WHEELS) + 1))
+            self._late, self._delay_s = Past(first, float(delay_s.max()), self._step_s), delay_s
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`."""
@@ -151,7 +187,13 @@ class MuJoCo:
         cos, sin = np.cos(angle), np.sin(angle)
         rim = self._qvel[:, self._spin_at] * self._radius_m
         slip = np.hypot(ahead * cos + across * sin - rim, across * cos - ahead * sin)
-        d, damping = self._tyres.contact(np.hypot(ahead, across), slip)
+        if self._patch is not None:
+            axis, front_m = now["forward_axis"], now["front_position"]
+            along_m = front_m[..., :1] + (x_m - x_m[:, :1]) * axis[..., :1] - y_m * axis[..., 1:2]
+            friction = self._patch.friction(along_m, self._off_patch)
+            self._pair_friction[:, self._pairs, :2] = friction.reshape(len(friction), -1, 1)
+            self._friction = friction
+        d, damping = self._tyres.contact(np.hypot(ahead, across), slip, self._friction)
         self._impedance[:, self._pairs, :2] = d.reshape(len(d), -1, 1)
         self._damping[:, self._pairs, 1] = -damping.reshape(len(d), -1)
 
@@ -163,11 +205,13 @@ class MuJoCo:
         self._steer_command = controls.steer_rad
         self._grip()
         ids = None if running.all() else np.flatnonzero(running)
+        self._contacts.before(self._now, self._qvel[:, self._yaw_at])
         try:
             self.batch.step(ids, self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
         except SimulationError as error:
             self._errors = {int(i): self.batch.error(int(i)) for i in error.ids}
         self._sense()
+        self._contacts.after()
 
     def _drive(self, torque_n_m: Array) -> None:
         """Torque along the car's motion goes to the motors; against it to the brakes, which only resist.
@@ -175,7 +219,8 @@ class MuJoCo:
         A car that stands and is asked for next to nothing holds its brakes.
 
         A brake is a damper whose coefficient gives that torque at the wheel's present speed, so that a wheel
-        that locks stays locked instead of spinning backwards.
+        that locks stays locked instead of spinning backwards. Torques lag and brakes are late before that;
+        motors are late in MuJoCo.
         """
         v = self._now["rear_velocity"][..., 0]
         speed = v[..., None]
@@ -184,13 +229,25 @@ class MuJoCo:
         driving = ~braking & (spin < self._spin_limit_radps)
         torque = limit(torque_n_m, self._motor_limit_w / np.maximum(spin, _LOCKED_RADPS))
         car, wheel, at = self._motors
-        self._ctrl[:, at] = np.where(driving, torque, 0.0)[:, car, wheel]
-        brake = np.where(braking, np.abs(torque_n_m) / np.maximum(spin, _LOCKED_RADPS), 0.0)
+        drive, brake = np.where(driving, torque, 0.0), np.where(braking, np.abs(torque_n_m), 0.0)
         held = (np.abs(v) <= CRAWL_MPS) & (np.abs(torque_n_m.sum(axis=-1)) < self._unmoved_n_m)
+        if self._lag is not None:
+            drive[:, 0], brake[:, 0] = self._lag(drive[:, 0], brake[:, 0])
+        if self._late is not None:
+            self._late.push(np.concatenate([brake[:, 0], held[:, :1]], axis=1))
+            late = self._late.ago(self._delay_s)
+            brake[:, 0], held[:, 0] = late[:, :-1], late[:, -1] > 0.5
+        self._ctrl[:, at] = drive[:, car, wheel]
         hold = self._brake_limit_n_m / np.maximum(spin, _HELD_RADPS)
-        self._ctrl[:, self._brake_at] = np.where(held[..., None], hold, brake)
+        self._ctrl[:, self._brake_at] = np.where(
+            held[..., None], hold, brake / np.maximum(spin, _LOCKED_RADPS)
+        )
         rolling = self._rolling_n * limit(v / ROLLS_MPS, 1.0)
         self._ctrl[:, self._resistance_at] = -(self._drag_n_per_mps2 * v * np.abs(v) + rolling)
+
+    def contacts(self) -> tuple[Array, Array]:
+        """See :meth:`Plant.contacts`."""
+        return self._contacts()
 
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
@@ -209,8 +266,104 @@ class MuJoCo:
         return qpos
 
 
-def make(scenario: Scenario, world: World | None, runs: int, threads: int) -> MuJoCo:
+def make(scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int) -> MuJoCo:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     assert world is not None, "the mujoco plant stands in a world"
-    front_m, speed_mps = start(scenario, runs)
-    return MuJoCo(world, front_m, speed_mps, substeps=scenario.substeps, threads=threads)
+    front_m, speed_mps = start(scenario, len(mismatch))
+    return MuJoCo(world, front_m, speed_mps, substeps=scenario.substeps, threads=threads, mismatch=mismatch)
+
+
+class _Patch:
+    """A stretch of the road with other friction, its own in each simulation."""
+
+    def __init__(self, start_m: Array, end_m: Array, friction: Array) -> None:
+        self._start_m, self._end_m, self._friction = start_m, end_m, friction
+
+    @classmethod
+    def of(cls, mismatch: Sequence[Mismatch]) -> _Patch:
+        """Where it is by one mismatch per simulation; nowhere where its friction is null."""
+        start, length, friction = (
+            column(mismatch, f"patch_{name}")[:, None, None] for name in ("start_m", "length_m", "friction")
+        )
+        return cls(np.where(np.isnan(friction), np.inf, start), start + length, friction)
+
+    def friction(self, along_m: Array, elsewhere: Array) -> Array:
+        """Under wheels that are so far along the road, (N, C, 4)."""
+        on = (along_m >= self._start_m) & (along_m <= self._end_m)
+        return np.where(on, self._friction, elsewhere)
+
+
+class _Lag:
+    """Torques that follow their commands with a time constant: T y' = u - y, exact for a held u.
+
+    What comes out is the mean of y over the control step, so that its impulse is exact too.
+    """
+
+    def __init__(self, time_constant_s: Array, step_s: float, wheels: int) -> None:
+        t = np.where(time_constant_s > 0, time_constant_s, 1.0)[:, None, None]
+        self._lags = time_constant_s[:, None, None] > 0
+        self._left = np.exp(-step_s / t)
+        self._mean = t / step_s * -np.expm1(-step_s / t)
+        self._y = np.zeros((len(time_constant_s), 2, wheels))
+
+    def __call__(self, drive: Array, brake: Array) -> tuple[Array, Array]:
+        """Torques of motors and brakes over the coming control step, (N, 4) each, from what was commanded."""
+        u = np.stack([drive, brake], axis=1)
+        behind = self._y - u
+        mean = np.where(self._lags, u + self._mean * behind, u)
+        self._y = u + self._left * behind
+        return mean[:, 0], mean[:, 1]
+
+
+class _Contacts:
+    """Forces between the bodies of the cars, of every time step of the last control step.
+
+    They come from MuJoCo's contact sensors, which keep a history as long as a control step.
+    """
+
+    def __init__(self, world: World, batch: Batch, substeps: int) -> None:
+        model, cars = world.model, world.cars
+        self._pairs = [*combinations(range(len(cars)), 2)]
+        self._runs, self._step_s = len(batch.state), model.opt.timestep
+        self._impulse = self._speed = np.zeros((self._runs, len(self._pairs)))
+        if not self._pairs:
+            return
+        sensors = [model.sensor(f"contact_{cars[a]}_{cars[b]}").id for a, b in self._pairs]
+        kept = model.sensor_history[sensors, 0]
+        if (kept != substeps).any():
+            raise ValueError(f"the world was built for control steps of {kept[0]} time steps, not {substeps}")
+        # a buffer is two numbers of MuJoCo's own, the times, then the samples: force and position, 6 each
+        self._history = batch.bind("history")
+        first = model.sensor_historyadr[sensors] + 2 + substeps
+        self._at = first[:, None, None] + np.arange(6 * substeps).reshape(substeps, 6)
+
+    def before(self, now: Mapping[str, Array], yaw_rate_radps: Array) -> None:
+        """How the cars move at the beginning of a control step: sensors by name, and yaw rates, (N, C)."""
+        self._front_m, self._velocity_mps = now["front_position"], now["front_velocity"]
+        self._yaw_rate_radps = yaw_rate_radps
+
+    def after(self) -> None:
+        """Reads what happened in that step."""
+        if not self._pairs:
+            return
+        force_n = self._history[:, self._at[..., :3]]
+        hit = force_n.any(axis=-1)
+        self._impulse = np.zeros((self._runs, len(self._pairs)))
+        self._speed = self._impulse.copy()
+        for run, pair in np.argwhere(hit.any(axis=-1)).tolist():
+            self._impulse[run, pair] = np.linalg.norm(force_n[run, pair].sum(axis=0)) * self._step_s
+            self._speed[run, pair] = self._closing(run, pair, int(np.argmax(hit[run, pair])))
+
+    def _closing(self, run: int, pair: int, sample: int) -> float:
+        """How fast the two bodies move against each other where they touch, m/s."""
+        at_m = self._history[run, self._at[pair, sample, 3:5]]
+        moving = []
+        for car in self._pairs[pair]:
+            arm = at_m - self._front_m[run, car, :2]
+            turning = self._yaw_rate_radps[run, car] * np.array([-arm[1], arm[0]])
+            moving.append(self._velocity_mps[run, car, :2] + turning)
+        return float(np.hypot(*(moving[0] - moving[1])))
+
+    def __call__(self) -> tuple[Array, Array]:
+        """Impulse, N s, and relative speed, m/s, pair by pair, (N, P) each."""
+        return self._impulse, self._speed

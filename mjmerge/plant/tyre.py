@@ -1,10 +1,10 @@
 """Tyres: a wheel-road contact whose lateral force is proportional to the slip angle, at any speed.
 
 MuJoCo's friction is Coulomb with a viscous regime below the limit: on a contact that slips at v_s and
-accelerates at a, both along the force, acts F = -(b v_s + a)/R, with b the damping of the friction rows (1/s)
-and R their regularisation (1/kg). A tyre's force is C alpha = (C/v) v_s, so with c = C/v, b follows the speed
-v. Both numbers have closed forms (MuJoCo's documentation, "Solver parameters", for an impedance d that does
-not depend on depth):
+accelerates at a, both along the force, acts F = -(b v_s + a)/R, b being the damping of the friction rows
+(1/s) and R their regularisation (1/kg). A tyre's force is C alpha = (C/v) v_s, so with c = C/v, b must
+follow the speed v. Both numbers have closed forms (MuJoCo's documentation, "Solver parameters", for an
+impedance d that does not depend on depth):
 
     R = (1 - d)/d A / impratio        b = damping/d
 
@@ -35,7 +35,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjmerge.state import Array
-from mjmerge.world import HARDEST, IMPRATIO, WHEELS, World
+from mjmerge.world import HARDEST, IMPRATIO
 
 ADDED_MASS = 0.03
 """1/R over the mass on the wheel, while the car moves."""
@@ -48,53 +48,38 @@ _LEAST_MPS = _LEAST = 1e-9
 
 @dataclass(frozen=True)
 class Tyres:
-    """The tyres of C cars, all (C, 4), wheels as in ``mjmerge.world.WHEELS``.
+    """The tyres of C cars in N simulations, or in 1 that stands for all, each (N, C, 4).
+
+    Wheels are as in ``mjmerge.world.WHEELS``.
 
     Attributes:
         stiffness_n_per_rad: C of one tyre; infinite: as stiff as the contact can be.
-        mass_kg: m, mass that stands on the wheel.
+        wheel_mass_kg: m, mass that stands on the wheel.
         spin_mass_kg: J, what the wheel's spin adds to the inertia along the road, I/r^2.
         invweight_per_kg: A.
-        grip_n: a force that is out of the tyre's reach, :data:`OUT_OF_REACH` times its grip under that mass.
+        load_n: weight of that mass.
         step_s: time step of the physics, s.
     """
 
     stiffness_n_per_rad: Array
-    mass_kg: Array
+    wheel_mass_kg: Array
     spin_mass_kg: Array
     invweight_per_kg: Array
-    grip_n: Array
+    load_n: Array
     step_s: float
 
-    @classmethod
-    def of(cls, world: World) -> Tyres:
-        """The tyres of a compiled world's cars; every number is the model's own."""
-        m = world.model
-        spin = [[m.joint(f"{car}/spin_{w}").dofadr[0] for w in WHEELS] for car in world.cars]
-        wheel = [[m.body(f"{car}/wheel_{w}").id for w in WHEELS] for car in world.cars]
-        radius = [[m.geom(f"{car}/tyre_{w}").size[0] for w in WHEELS] for car in world.cars]
-        pair = [[m.pair(f"{car}_road_{w}").id for w in WHEELS] for car in world.cars]
-        load = np.repeat(world.axle_mass_kg() / 2, 2, axis=1) * np.linalg.norm(m.opt.gravity)
-        return cls(
-            stiffness_n_per_rad=np.repeat(world.cornering_stiffness_n_per_rad() / 2, 2, axis=1),
-            mass_kg=np.repeat(world.axle_mass_kg() / 2, 2, axis=1),
-            spin_mass_kg=m.dof_M0[np.array(spin)] / np.square(radius),
-            invweight_per_kg=m.body_invweight0[np.array(wheel), 0],
-            grip_n=OUT_OF_REACH * m.pair_friction[np.array(pair), 0] * load,
-            step_s=m.opt.timestep,
-        )
-
-    def contact(self, speed_mps: Array, slip_mps: Array) -> tuple[Array, Array]:
+    def contact(self, speed_mps: Array, slip_mps: Array, friction: Array) -> tuple[Array, Array]:
         """Impedance d and damping (1/s) of each wheel's contact, both (N, C, 4).
 
         Args:
             speed_mps: of the wheel over the road, v, (N, C, 4).
             slip_mps: of the contact over the road, v_s, (N, C, 4).
+            friction: mu there, (N, C, 4).
         """
         fastest = min(FASTEST_PER_S, 1 / self.step_s)
-        m, spin = self.mass_kg, self.spin_mass_kg
+        m, spin = self.wheel_mass_kg, self.spin_mass_kg
         c = self.stiffness_n_per_rad / np.maximum(speed_mps, _LEAST_MPS)
-        c = np.minimum(c, self.grip_n / np.maximum(slip_mps, _LEAST_MPS))
+        c = np.minimum(c, OUT_OF_REACH * friction * self.load_n / np.maximum(slip_mps, _LEAST_MPS))
         needed = (c / fastest - spin) / np.maximum(1 - c / (fastest * m), _LEAST)
         per_r = np.minimum(np.maximum(needed, ADDED_MASS * m), self._per_kg(HARDEST))
         b = np.minimum(c * (1 / per_r + 1 / m), fastest * (1 + spin / per_r))

@@ -129,7 +129,8 @@ def test_every_tick_is_there_and_the_first_is_the_initial_state(plant, short_wor
     for c, car in enumerate(CARS):
         assert trace.front_m[0, 0, c] == pytest.approx(getattr(initial, car).front_m, abs=1e-6)
     known = {c.name for c in COLUMNS if np.isfinite(getattr(trace, c.name)).all()}
-    without_bodies = {"clearance_m"} if plant != "mujoco" else set()
+    bodies = {"clearance_m", "contact_impulse_n_s", "contact_speed_mps"}
+    without_bodies = bodies if plant != "mujoco" else set()
     without_wheels = {"steer_rad", "steer_command_rad", "steer_clipped_rad", "a_mps2", "omega_radps"} | {
         "torque_n_m",
         "torque_clipped_n_m",
@@ -211,7 +212,7 @@ def test_a_simulation_that_fails_stops_alone_and_says_when_and_which_car(
 @every_plant
 def test_a_law_that_diverges_stops_the_run_without_a_warning(plant, short_world):
     trace = simulate(load("paper", ["law.k_p=1e6", "duration_s=2"]), plant, world=short_world)
-    if plant == "mujoco":  # limits and friction keep physical cars on the ground
+    if plant in ("bicycle_limited", "mujoco"):  # limits keep cars on the ground
         assert np.isfinite(trace.front_m).all()
     else:
         assert trace.stops[0].car in CARS
@@ -325,10 +326,10 @@ def test_the_law_and_the_actuation_cannot_see_the_truth(truth):
     assert plain.front_m.tobytes() != other.front_m.tobytes()
 
 
-@pytest.mark.parametrize("plant", ["double_integrator", "bicycle"])
-def test_the_ideal_plants_know_no_mismatch(plant):
+@pytest.mark.parametrize("plant", ["double_integrator", "bicycle", "bicycle_limited"])
+def test_plants_without_bodies_know_no_road_no_air_and_no_load(plant):
     plain, other = (
         simulate(load("charge", ["duration_s=0.5", *t]), plant)
-        for t in ([], ["mismatch.friction=0.2", "mismatch.command_delay_s=0.1"])
+        for t in ([], ["mismatch.friction=0.2", "mismatch.side_wind_n=9", "mismatch.load_kg=2"])
     )
     assert plain.front_m.tobytes() == other.front_m.tobytes()

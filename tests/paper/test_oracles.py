@@ -200,7 +200,7 @@ def test_the_lyapunov_function_falls_at_the_rate_of_the_proof(seed, z, x):
     assume(min(np.hypot(x[0], x[1]), np.hypot(x[0] + 2.4, x[1])) > law.r_m + 1e-3)
     rate, _, made = unforced(law, 2.4, z, x)
     fall = law.k_p * (x[:2] - made.e_1_star[0]) @ rate[:2] + x[2:] @ rate[2:]
-    proof = -law.k_v * x[2:] @ x[2:] - law.k_o * np.sum(made.d_dot**2 / made.d)
+    proof = -law.k_v * x[2:] @ x[2:] - law.k_o * np.sum(made.geometry.d_dot**2 / made.geometry.d)
     assert fall == pytest.approx(proof, rel=1e-9, abs=1e-9)
     assert fall <= 1e-12
 

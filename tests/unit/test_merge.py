@@ -49,7 +49,7 @@ def test_both_branches_rest_at_their_target_beside_still_neighbours(z, lateral):
         u_1=still,
     )
     made = decide(LAW, sensed, np.array([z]))
-    assert (made.d > 0).all()
+    assert (made.geometry.d > 0).all()
     assert made.u == pytest.approx(0, abs=1e-15)
 
 
@@ -61,8 +61,10 @@ def test_a_mirrored_road_gets_the_mirrored_command_to_the_last_bit(s, z):
     made, other = decide(LAW, s, z), decide(MIRRORED, changed(s, mirror, mirror, mirror), z)
     assert np.array_equal(other.u, mirror(made.u))
     assert np.array_equal(other.e_1_star, mirror(made.e_1_star))
-    for name in ("d", "d_dot", "dbar", "w", "mu_input"):
+    for name in ("w", "mu_input"):
         assert np.array_equal(getattr(made, name), getattr(other, name)), name
+    for name in ("d", "d_dot", "dbar", "dbar_dot"):
+        assert np.array_equal(getattr(made.geometry, name), getattr(other.geometry, name)), name
 
 
 @given(situations(), opinion, point(st.floats(-100, 100)))
@@ -92,7 +94,7 @@ def test_rates_are_the_derivatives_of_the_distances(s, z):
         decide(LAW, Sensed(s.p + k * s.v, s.v, s.p_j + k * s.v_j, s.v_j, s.u_1), z) for k in (h, -h)
     )
     made = decide(LAW, s, z)
-    assert made.d_dot == pytest.approx((ahead.d - behind.d) / (2 * h), abs=1e-6)
+    assert made.geometry.d_dot == pytest.approx((ahead.geometry.d - behind.geometry.d) / (2 * h), abs=1e-6)
 
 
 @given(situations(), opinion)
@@ -103,9 +105,9 @@ def test_a_car_that_closes_in_pushes_the_ego_away_from_itself(s, z):
         closing = Sensed(s.p, s.p * 0, s.p_j, s.v_j * 0, s.u_1 * 0)
         closing.v_j[0, j] = 2 * towards / np.hypot(*towards)
         made = decide(LAW, closing, z)
-        assert made.d_dot[0, j] == pytest.approx(-2.0)
-        assert made.d_dot[0, 1 - j] == 0
-        if made.d[0, j] > 0:
+        assert made.geometry.d_dot[0, j] == pytest.approx(-2.0)
+        assert made.geometry.d_dot[0, 1 - j] == 0
+        if made.geometry.d[0, j] > 0:
             assert made.u_c[0] @ towards > 0
 
 

@@ -6,19 +6,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjmerge import share
-from mjmerge.plant.tyre import ADDED_MASS, FASTEST_PER_S, Tyres, front_stiffness
+from mjmerge.plant.truth import Truth
+from mjmerge.plant.tyre import ADDED_MASS, FASTEST_PER_S, OUT_OF_REACH, front_stiffness
 from mjmerge.world import HARDEST, IMPRATIO, single
 
 NAMES = sorted(share.models())
-TYRES = {name: Tyres.of(single(name)) for name in NAMES}
-IDEAL = {name: Tyres.of(single(name, tyres="ideal")) for name in NAMES}
+TYRES = {name: Truth.of(single(name), None).tyres for name in NAMES}
+IDEAL = {name: Truth.of(single(name, tyres="ideal"), None).tyres for name in NAMES}
+MU = 0.7
 names = st.sampled_from(NAMES)
 speeds = st.floats(0, 60)
 
 
 def contact(tyres, speed, slip=0.0):
     """Regularisation R and damping b that MuJoCo makes of the parameters, each (1, 1, 4)."""
-    d, damping = tyres.contact(np.full((1, 1, 4), speed), np.full((1, 1, 4), slip))
+    speed, slip, mu = (np.full((1, 1, 4), value) for value in (speed, slip, MU))
+    d, damping = tyres.contact(speed, slip, mu)
     assert (d > 0).all()
     assert (d <= HARDEST * (1 + 1e-12)).all()
     return (1 - d) / d * tyres.invweight_per_kg / IMPRATIO, damping / d
@@ -30,9 +33,9 @@ def test_a_steady_turn_sees_the_stiffness_that_was_asked_for(name):
     tyres = TYRES[name]
     for speed in (1.0, 2.0, 5.0) if name == "rc" else (5.0, 15.0, 30.0):
         r, b = contact(tyres, speed)
-        stiffness = speed * b / (r + 1 / tyres.mass_kg)
-        assert stiffness[0] == pytest.approx(tyres.stiffness_n_per_rad, rel=1e-9)
-        assert (1 / r[0] <= 1.2 * ADDED_MASS * tyres.mass_kg).all()
+        stiffness = speed * b / (r + 1 / tyres.wheel_mass_kg)
+        assert stiffness == pytest.approx(tyres.stiffness_n_per_rad, rel=1e-9)
+        assert (1 / r <= 1.2 * ADDED_MASS * tyres.wheel_mass_kg).all()
 
 
 @given(names, speeds, st.booleans())
@@ -47,7 +50,7 @@ def test_a_tyre_that_slides_asks_for_no_more_than_is_out_of_reach(name, speed):
     tyres = TYRES[name]
     slip = 1.0 + speed
     r, b = contact(tyres, speed, slip)
-    assert (slip * b / (r + 1 / tyres.mass_kg) <= tyres.grip_n * (1 + 1e-9)).all()
+    assert (slip * b / (r + 1 / tyres.wheel_mass_kg) <= OUT_OF_REACH * MU * tyres.load_n * (1 + 1e-9)).all()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -61,9 +64,9 @@ def test_the_ideal_tyre_is_the_same_at_any_speed_and_that_of_a_car_that_stands(n
 def test_every_simulation_has_the_bits_that_it_has_alone(name, many):
     tyres = TYRES[name]
     speed = np.repeat(np.array(many), 4).reshape(-1, 1, 4)
-    together = tyres.contact(speed, speed / 10)
+    together = tyres.contact(speed, speed / 10, np.full_like(speed, MU))
     for i in range(len(many)):
-        alone = tyres.contact(speed[i : i + 1], speed[i : i + 1] / 10)
+        alone = tyres.contact(speed[i : i + 1], speed[i : i + 1] / 10, np.full((1, 1, 4), MU))
         assert all(np.array_equal(a[i : i + 1], b) for a, b in zip(together, alone, strict=True))
 
 

@@ -1,0 +1,415 @@
+"""Breaking points: along an axis, the smallest mismatch at which a run fails, and the interval it lies in.
+
+Every round runs a row of points on each line in one batch, and goes on between the last point that passed and
+the first that failed. Nothing says that what fails stays failed further out: a point beyond that passed again
+is reported, and so the answer is the first break, seen from no mismatch.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from mjmerge.campaign import MISMATCH, Batches, Case, planned, size_of
+from mjmerge.errors import MjmergeError, nearest
+from mjmerge.figures import COLOURS, LINE, save
+from mjmerge.levels import LEVELS
+from mjmerge.mismatch import Mismatch, is_number
+from mjmerge.outcome import FAILED
+from mjmerge.sweep import Workers, measured
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+FILES = ("breaking.png", "breaking.csv", "breaking.md")
+"""All that is written."""
+FIRST, NEXT = 17, 9
+"""Points of the first round on a line, ends included, and of each round after it, within the bracket."""
+WITHIN = 1e-3
+"""Width of the interval that is looked for, over that of the whole range."""
+FRONTIER = 9
+"""Values of the first of two axes."""
+
+Until = Literal["unsafe", "floor"]
+_OPEN_END = 4.0  # times the severe level, where an axis has no bound of its own
+_NEAR = 0.01  # of the way: how close to a bound that the axis may not reach
+
+
+@dataclass(frozen=True)
+class Range:
+    """Where an axis is searched: from no mismatch to the worst."""
+
+    key: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One value that was run.
+
+    Attributes:
+        value: of the axis.
+        failed: whether some seed failed.
+        row: the worst seed's row, as in :mod:`mjmerge.outcome`.
+        case: its run.
+    """
+
+    value: float
+    failed: bool
+    row: Mapping[str, Any]
+    case: Case
+
+
+@dataclass(frozen=True)
+class Break:
+    """What was found along one axis, all else equal.
+
+    Attributes:
+        range: where it was searched.
+        fixed: the value of the other axis, of two.
+        tried: every value that was run, from the start on.
+    """
+
+    range: Range
+    fixed: float | None
+    tried: tuple[Tried, ...]
+
+    @property
+    def fails(self) -> Tried | None:
+        """The smallest mismatch that failed, if any did."""
+        return next((t for t in self.tried if t.failed), None)
+
+    @property
+    def passes(self) -> Tried | None:
+        """The largest before it that passed; ``None`` if the start failed already."""
+        before = [t for t in self.tried if not t.failed and (self.fails is None or self._less(t, self.fails))]
+        return before[-1] if before else None
+
+    @property
+    def again(self) -> tuple[Tried, ...]:
+        """Those beyond the first break that passed: the axis is not monotone."""
+        return tuple(t for t in self.tried if not t.failed and self.fails and self._less(self.fails, t))
+
+    def _less(self, one: Tried, other: Tried) -> bool:
+        return abs(one.value - self.range.start) < abs(other.value - self.range.start)
+
+    @property
+    def text(self) -> str:
+        """The interval in words."""
+        fails, passes, key = self.fails, self.passes, self.range.key
+        if fails is None:
+            return f"never, up to {key} = {self.range.end:.4g}"
+        if passes is None:
+            return f"already at {key} = {self.range.start:.4g}"
+        return f"between {_number(passes.value, fails.value)} and {_number(fails.value, passes.value)}"
+
+
+def ranged(text: str, source: str, settings: Mapping[str, Any]) -> Range:
+    """The range of an axis, given as ``mismatch.friction`` or ``mismatch.friction=1:0.1``.
+
+    Without numbers it goes from the scenario's value to the bound of the axis, in the direction in which it
+    gets severe, or to some times the severe level where there is no bound.
+
+    Args:
+        text: the axis as on the command line.
+        source: the scenario's name or path.
+        settings: its keys that differ.
+
+    Raises:
+        MjmergeError: it is no axis with numbers, or needs them.
+    """
+    key, given, numbers = text.partition("=")
+    key = key.strip()
+    name = key.removeprefix(MISMATCH)
+    if key.startswith(MISMATCH) and (name not in Mismatch.model_fields or not is_number(name)):
+        axes = [MISMATCH + n for n in Mismatch.model_fields if is_number(n)]
+        raise MjmergeError(f"--break {text}: no axis of numbers called {key!r}; {nearest(key, axes)}")
+    case = Batches().case(source, "double_integrator", settings)
+    here = case.value(key)
+    if given:
+        try:
+            start, end = (float(number) for number in numbers.split(":"))
+        except ValueError:
+            start = end = 0.0
+        if start == end or not np.isfinite([start, end]).all():
+            raise MjmergeError(f"--break {text}: a range is START:END, such as {key}=0:0.5")
+        return Range(key, start, end)
+    if isinstance(here, bool) or not isinstance(here, int | float):
+        raise MjmergeError(f"--break {text}: the scenario has no number there; give a range, {key}=START:END")
+    if not key.startswith(MISMATCH):
+        raise MjmergeError(f"--break {text}: give a range, {key}=START:END")
+    severe = LEVELS[size_of(case.batch.scenario)].get(name, ({}, {}, {}))[2].get(name)
+    if severe is None or severe == here:
+        raise MjmergeError(f"--break {text}: which way? give a range, {key}=START:END")
+    return Range(key, float(here), _end(name, float(here), float(severe)))
+
+
+def _end(name: str, start: float, severe: float) -> float:
+    """How far an axis goes beyond a severe mismatch."""
+    field = Mismatch.model_json_schema()["properties"][name]
+    bounds: dict[str, Any] = next(
+        (f for f in (field, *field.get("anyOf", ())) if f.get("type") == "number"), {}
+    )
+    if severe < start:
+        if "minimum" in bounds:
+            return float(bounds["minimum"])
+        if "exclusiveMinimum" in bounds:
+            low = float(bounds["exclusiveMinimum"])
+            return low + _NEAR * (start - low)
+    elif "maximum" in bounds:
+        return float(bounds["maximum"])
+    elif "exclusiveMaximum" in bounds:
+        high = float(bounds["exclusiveMaximum"])
+        return high - _NEAR * (high - start)
+    return start + _OPEN_END * (severe - start)
+
+
+def search(
+    source: str,
+    plant: str,
+    axes: Sequence[Range],
+    settings: Mapping[str, Any],
+    team: Workers,
+    *,
+    across: Range | None = None,
+    until: Until = "unsafe",
+    seeds: Sequence[int] = (0,),
+    progress: Callable[[str], None] | None = None,
+) -> list[Break]:
+    """The breaking point along each axis, all axes in one batch per round.
+
+    Args:
+        source: the scenario's name or path.
+        plant: what moves the cars.
+        axes: where to look.
+        settings: scenario keys that differ in all runs.
+        team: what runs them.
+        across: a second axis; the search along ``axes[0]`` is then made at ``FRONTIER`` of its values.
+        until: what counts as a failure: unsafe (d_j <= 0, or touching bodies), or a broken safety floor. A
+            run that ended early fails either way.
+        seeds: every point is run with each of them, and fails if one does.
+        progress: told what is being run.
+
+    Raises:
+        MjmergeError: a point cannot be run.
+    """
+    lines: list[tuple[Range, float | None, dict[str, Any]]]
+    if across is None:
+        lines = [(axis, None, dict(settings)) for axis in axes]
+    else:
+        values = np.linspace(across.start, across.end, FRONTIER).tolist()
+        lines = [(axes[0], value, {**settings, across.key: value}) for value in values]
+    batches = Batches()
+    tried: list[list[Tried]] = [[] for _ in lines]
+
+    def evaluate(wanted: Sequence[Sequence[float]]) -> None:
+        cases = [
+            batches.case(source, plant, {**fixed, axis.key: value}, seed=seed)
+            for (axis, _, fixed), values in zip(lines, wanted, strict=True)
+            for value in values
+            for seed in seeds
+        ]
+        rows = iter(zip(measured(planned("breaking", "", cases), team).to_pylist(), cases, strict=True))
+        for (axis, _, _), values, found in zip(lines, wanted, tried, strict=True):
+            for value in values:
+                of = [next(rows) for _ in seeds]
+                row, case = max(of, key=lambda one: (_failed(one[0], until), -_margin(one[0])))
+                found.append(Tried(value, _failed(row, until), row, case))
+            found.sort(key=lambda t: abs(t.value - axis.start))
+
+    def results() -> list[Break]:
+        return [
+            Break(axis, fixed, tuple(found)) for (axis, fixed, _), found in zip(lines, tried, strict=True)
+        ]
+
+    wanted = [np.linspace(axis.start, axis.end, FIRST).tolist() for axis, _, _ in lines]
+    turn = 0
+    while any(wanted):
+        turn += 1
+        if progress is not None:
+            progress(f"round {turn}: {sum(map(len, wanted)) * len(seeds)} runs")
+        evaluate(wanted)
+        wanted = [_within(found) for found in results()]
+    return results()
+
+
+def _within(found: Break) -> list[float]:
+    """The next values to run; none where the interval is known well enough, or there is none."""
+    if found.fails is None or found.passes is None:
+        return []
+    low, high = found.passes.value, found.fails.value
+    if abs(high - low) <= WITHIN * abs(found.range.end - found.range.start):
+        return []
+    values: list[float] = np.linspace(low, high, NEXT + 2)[1:-1].tolist()
+    return values
+
+
+def _failed(row: Mapping[str, Any], until: Until) -> bool:
+    if row["stopped"] is not None or row["min_distance_m"] is None:
+        return True
+    return row["unsafe_at_s"] is not None if until == "unsafe" else bool(row["outcome"] == FAILED)
+
+
+def _margin(row: Mapping[str, Any]) -> float:
+    return -np.inf if row["min_distance_m"] is None else float(row["min_distance_m"])
+
+
+def _number(value: float, other: float) -> str:
+    """With as many digits as tell the two apart."""
+    digits = 3
+    while digits < 12 and f"{value:.{digits}g}" == f"{other:.{digits}g}":
+        digits += 1
+    return f"{value:.{digits + 1}g}"
+
+
+def write(
+    found: Sequence[Break], folder: Path, title: str, until: Until, across: Range | None = None
+) -> None:
+    """Plot, every point that was run, and text."""
+    figure = _frontier(found, title, across) if across is not None else _lines(found, title, until)
+    save(figure, folder / "breaking.png")
+    with (folder / "breaking.csv").open("w", encoding="utf-8", newline="") as file:
+        out = csv.writer(file, lineterminator="\n")
+        head = ("min_distance_m", "min_clearance_m", "verdict", "first_broken", "broken_at_s")
+        out.writerow(("axis", "value", across.key if across else "other", "failed", *head))
+        for line in found:
+            for t in line.tried:
+                out.writerow((line.range.key, t.value, line.fixed, t.failed, *(t.row[name] for name in head)))
+    (folder / "breaking.md").write_text(markdown(found, title, until, across), encoding="utf-8")
+
+
+def markdown(found: Sequence[Break], title: str, until: Until, across: Range | None = None) -> str:
+    """The intervals as a table."""
+    what = "d_j <= 0 or bodies that touch" if until == "unsafe" else "a broken safety floor"
+    lines = [f"# Breaking points of {title}", "", f"The smallest mismatch with {what}.", ""]
+    head = ["axis", *([across.key] if across else []), "breaks", "least d_j before (m)", "and after (m)"]
+    head += ["what broke first", "beyond it"]
+    lines += ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for one in found:
+        cells = [one.range.key, *([f"{one.fixed:.4g}"] if across else []), one.text]
+        cells += [_least(one.passes), _least(one.fails), _first(one), _beyond(one)]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join([*lines, "", "![Breaking points](breaking.png)"]) + "\n"
+
+
+def rich_table(found: Sequence[Break], across: Range | None = None) -> Table:
+    """The same for the terminal."""
+    from rich.table import Table
+
+    other = [across.key] if across else []
+    grid = Table("axis", *other, "breaks", "what broke first", "beyond it", box=None, pad_edge=False)
+    for one in found:
+        fixed = [f"{one.fixed:.4g}"] if across else []
+        grid.add_row(one.range.key, *fixed, one.text, _first(one), _beyond(one))
+    return grid
+
+
+def as_json(found: Sequence[Break], across: Range | None = None) -> list[dict[str, Any]]:
+    """What ``--json`` prints."""
+    return [
+        {
+            "axis": one.range.key,
+            "searched": [one.range.start, one.range.end],
+            **({across.key: one.fixed} if across else {}),
+            "passes_at": one.passes.value if one.passes else None,
+            "fails_at": one.fails.value if one.fails else None,
+            "min_distance_before_m": one.passes.row["min_distance_m"] if one.passes else None,
+            "min_distance_after_m": one.fails.row["min_distance_m"] if one.fails else None,
+            "first_broken": one.fails.row["first_broken"] if one.fails else None,
+            "passes_again_at": [t.value for t in one.again],
+            "command": " ".join(("mjmerge", *one.fails.case.command)) if one.fails else None,
+        }
+        for one in found
+    ]
+
+
+def _least(tried: Tried | None) -> str:
+    value = tried.row["min_distance_m"] if tried else None
+    return "-" if value is None else f"{value:.4f}"
+
+
+def _first(one: Break) -> str:
+    return "-" if one.fails is None else str(one.fails.row["first_broken"] or "nothing")
+
+
+def _beyond(one: Break) -> str:
+    if one.fails is None:
+        return "-"
+    return (
+        f"passes again at {', '.join(f'{t.value:.4g}' for t in one.again)}" if one.again else "stays broken"
+    )
+
+
+def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
+    """Least d_j along every axis, what failed as crosses, and the interval of the first break."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 0.6 + 2.5 * len(found)), layout="constrained")
+    FigureCanvasAgg(figure)
+    for axes, one in zip(figure.subplots(len(found), 1, squeeze=False)[:, 0], found, strict=True):
+        known = [t for t in one.tried if t.row["min_distance_m"] is not None]
+        axes.plot(
+            [t.value for t in known],
+            [_margin(t.row) for t in known],
+            color=COLOURS["vehicle_1"],
+            linewidth=0.8,
+        )
+        for failed, marker, colour in ((False, "o", COLOURS["ego"]), (True, "X", LINE)):
+            part = [t for t in known if t.failed == failed]
+            label = ("safe", "unsafe")[failed] if until == "unsafe" else ("above the floor", "below")[failed]
+            axes.scatter(
+                [t.value for t in part],
+                [_margin(t.row) for t in part],
+                marker=marker,
+                s=22,
+                color=colour,
+                zorder=3,
+                label=label,
+            )
+        axes.axhline(0, color=LINE, linewidth=1)
+        if one.fails and one.passes:
+            axes.axvline(one.fails.value, color=LINE, linestyle="--", linewidth=0.8)
+        axes.set_xlabel(one.range.key)
+        axes.set_ylabel("least $d_j$ (m)")
+        axes.set_title(f"breaks {one.text}", fontsize=9)
+        axes.grid(alpha=0.25)
+        axes.legend(frameon=False, fontsize=8)
+    figure.suptitle(title)
+    return figure
+
+
+def _frontier(found: Sequence[Break], title: str, across: Range) -> Figure:
+    """Where one axis breaks, over the value of the other; every point that was run behind it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axis = found[0].range
+    for failed, colour, marker, label in (
+        (False, COLOURS["ego"], "o", "passed"),
+        (True, LINE, "X", "failed"),
+    ):
+        at = [(line.fixed or 0.0, t.value) for line in found for t in line.tried if t.failed == failed]
+        x, y = [v for v, _ in at], [v for _, v in at]
+        axes.scatter(x, y, s=12, alpha=0.5, linewidth=0, color=colour, marker=marker, label=label)
+    edge = [axis.end if line.fails is None else line.fails.value for line in found]
+    beside = [line.fixed or 0.0 for line in found]
+    axes.plot(beside, edge, color="black", linewidth=1.2, label="first break (or end of the search)")
+    axes.set_xlabel(across.key)
+    axes.set_ylabel(axis.key)
+    axes.grid(alpha=0.25)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    figure.suptitle(title)
+    return figure

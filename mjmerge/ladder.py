@@ -1,0 +1,244 @@
+"""The margin waterfall: a scenario from the paper's own world to physical cars, and what each rung costs."""
+
+from __future__ import annotations
+
+import csv
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjmerge.campaign import MISMATCH, Batches, Case, planned, size_of
+from mjmerge.figures import COLOURS, LINE, MU, save, sheet
+from mjmerge.mismatch import Mismatch
+from mjmerge.scenario import Scenario
+from mjmerge.sweep import Progress, Workers, measured
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+FILES = ("ladder.png", "ladder.csv", "ladder.md")
+"""All that is written."""
+RUNGS = ("ideal", "held", "delayed", "bicycle", "limited", "MuJoCo", "tyre slip", "mismatch")
+"""From the proof to the car; the last only where the scenario has a mismatch of its own."""
+NOMINAL_DELAY_S = 0.24
+"""Dead time of the commands of a full-size car where the scenario has none, s (see ``docs/mismatch.md``)."""
+NOMINAL_DELAY_STEPS = 2
+"""The same at 1/10 scale, in control steps."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step from the proof to the car.
+
+    Attributes:
+        name: in a word.
+        adds: what is new on it.
+        case: the run.
+        row: what came of it, a row as in :mod:`mjmerge.outcome`.
+        cost_m: minimum distance lost since the rung before, m; ``None`` where either is unknown.
+    """
+
+    name: str
+    adds: str
+    case: Case
+    row: Mapping[str, Any]
+    cost_m: float | None
+
+    @property
+    def command(self) -> str:
+        """The command that gives this run alone."""
+        return shlex.join(("mjmerge", *self.case.command))
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """All rungs of a scenario.
+
+    Attributes:
+        scenario: which.
+        delay_s: dead time from the rung ``delayed`` on, s.
+        nominal: whether that is a stated value and not the scenario's own.
+        rungs: from the proof to the car.
+    """
+
+    scenario: Scenario
+    delay_s: float
+    nominal: bool
+    rungs: tuple[Rung, ...]
+
+
+def climb(
+    source: str,
+    settings: Mapping[str, Any],
+    team: Workers,
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Ladder:
+    """Runs a scenario on every rung.
+
+    Args:
+        source: the scenario's name or path.
+        settings: scenario keys that differ on all rungs.
+        team: what runs it.
+        seed: of every run.
+        progress: called with the number of rungs done.
+
+    Raises:
+        MjmergeError: the scenario is not valid, or a rung has no cars of its size.
+    """
+    batches = Batches()
+    scenario = batches.case(source, "double_integrator", settings).batch.scenario
+    mine = batches.case(source, "double_integrator", settings).mismatch
+    delay_s, nominal = mine.command_delay_s, mine.command_delay_s == 0
+    if nominal:
+        full = size_of(scenario) == "full"
+        delay_s = NOMINAL_DELAY_S if full else NOMINAL_DELAY_STEPS * scenario.control_step_s
+    own = {k: v for k, v in mine.model_dump().items() if v != Mismatch.model_fields[k].default}
+    none = {MISMATCH + k: Mismatch.model_fields[k].default for k in own}
+    late = none | {MISMATCH + "command_delay_s": delay_s}
+    ideal = late | {MISMATCH + "tyres": "ideal"}
+    steps: list[tuple[str, str, bool, dict[str, Any]]] = [
+        ("the proof: double integrators in continuous time", "double_integrator", True, none),
+        ("the command is held over a control step", "double_integrator", False, none),
+        (f"the command is {delay_s:g} s late", "double_integrator", False, late),
+        ("kinematic bicycles", "bicycle", False, late),
+        ("mass, torque and steering within limits", "bicycle_limited", False, late),
+        ("bodies, suspension, servos, friction", "mujoco", False, ideal),
+        ("tyres that slip", "mujoco", False, late),
+    ]
+    if set(own) - {"command_delay_s"}:
+        keys = {MISMATCH + k: v for k, v in own.items()} | {MISMATCH + "command_delay_s": delay_s}
+        steps.append((f"its own: {', '.join(sorted(own))}", "mujoco", False, keys))
+    cases = [
+        batches.case(source, plant, {**settings, **keys}, seed=seed, point=name, continuous=continuous)
+        for name, (_, plant, continuous, keys) in zip(RUNGS, steps, strict=False)
+    ]
+    rows = measured(planned("ladder", "", cases), team, progress).to_pylist()
+    rungs: list[Rung] = []
+    for (adds, *_), case, row in zip(steps, cases, rows, strict=True):
+        now, before = row["min_distance_m"], rungs[-1].row["min_distance_m"] if rungs else None
+        cost = None if now is None or before is None else before - now
+        rungs.append(Rung(case.point, adds, case, row, cost))
+    return Ladder(scenario, delay_s, nominal, tuple(rungs))
+
+
+def write(ladder: Ladder, folder: Path) -> None:
+    """Plot, numbers and text."""
+    save(waterfall(ladder), folder / "ladder.png")
+    columns = ("min_distance_m", "min_d_1_m", "min_d_2_m", "min_clearance_m", "verdict", "first_broken")
+    with (folder / "ladder.csv").open("w", encoding="utf-8", newline="") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(("rung", "adds", "cost_m", *columns))
+        out.writerows((r.name, r.adds, r.cost_m, *(r.row[c] for c in columns)) for r in ladder.rungs)
+    (folder / "ladder.md").write_text(markdown(ladder), encoding="utf-8")
+
+
+def as_json(ladder: Ladder) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "scenario": ladder.scenario.name,
+        "command_delay_s": ladder.delay_s,
+        "command_delay_is_nominal": ladder.nominal,
+        "rungs": [
+            {
+                "name": rung.name,
+                "adds": rung.adds,
+                "cost_m": rung.cost_m,
+                **{
+                    k: rung.row[k]
+                    for k in ("min_distance_m", "min_d_1_m", "min_d_2_m", "verdict", "floor_held")
+                },
+                "command": rung.command,
+            }
+            for rung in ladder.rungs
+        ],
+    }
+
+
+def markdown(ladder: Ladder) -> str:
+    """The ladder as a table, with the command of every rung."""
+    lines = [
+        f"# The ladder of {ladder.scenario.name}",
+        "",
+        _delay(ladder),
+        "",
+        "| rung | adds | min d_1 (m) | min d_2 (m) | least (m) | costs (mm) | verdict |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for rung in ladder.rungs:
+        row = rung.row
+        numbers = (_metres(row[key]) for key in ("min_d_1_m", "min_d_2_m", "min_distance_m"))
+        lines.append(
+            f"| {rung.name} | {rung.adds} | {' | '.join(numbers)} | {_cost(rung)} | {row['verdict']} |"
+        )
+    lines += ["", "![The ladder](ladder.png)", ""]
+    lines += [line for rung in ladder.rungs for line in (f"    {rung.command}",)]
+    return "\n".join(lines) + "\n"
+
+
+def rich_table(ladder: Ladder) -> Table:
+    """The same for the terminal."""
+    from rich.table import Table
+
+    grid = Table("rung", "adds", "min d_1", "min d_2", "costs (mm)", "verdict", box=None, pad_edge=False)
+    for rung in ladder.rungs:
+        numbers = (_metres(rung.row[key]) for key in ("min_d_1_m", "min_d_2_m"))
+        grid.add_row(rung.name, rung.adds, *numbers, _cost(rung), rung.row["verdict"])
+    return grid
+
+
+def waterfall(ladder: Ladder) -> Figure:
+    """Least d_j on every rung, and between two of them what the step took or gave."""
+    figure, (axes,) = sheet((1,), 4.2)
+    before: float | None = None
+    for i, rung in enumerate(ladder.rungs):
+        now = rung.row["min_distance_m"]
+        if now is None:
+            axes.text(i, 0, "no data", ha="center", va="bottom", fontsize=8)
+            before = None
+            continue
+        if before is None:
+            axes.bar(i, now, color=COLOURS["vehicle_1"], width=0.7)
+        else:
+            axes.bar(i, now, color=MU, alpha=0.18, width=0.7)
+            lost = now < before
+            axes.bar(i, now - before, bottom=before, color=COLOURS["vehicle_2" if lost else "ego"], width=0.7)
+            axes.plot((i - 0.65, i - 0.35), (before, before), color=MU, linewidth=0.8)
+        cost = "" if rung.cost_m is None else f"\n({-1e3 * rung.cost_m:+.1f} mm)"
+        axes.annotate(
+            f"{now:.3f} m{cost}",
+            (i, max(now, before or now, 0)),
+            (0, 3),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+        )
+        before = now
+    axes.axhline(0, color=LINE, linewidth=1)
+    floor = ladder.scenario.expect.min_distance_m.at_least
+    if floor:
+        axes.axhline(floor, color=LINE, linewidth=0.8, linestyle=":", label="safety floor")
+        axes.legend(loc="lower left", frameon=False)
+    axes.set_xticks(range(len(ladder.rungs)), [rung.name for rung in ladder.rungs])
+    axes.margins(x=0.02, y=0.16)
+    axes.set_ylabel("least $d_j$ (m)")
+    axes.grid(visible=False, axis="x")
+    figure.suptitle(f"{ladder.scenario.name}: what is left of the margin, rung by rung")
+    return figure
+
+
+def _delay(ladder: Ladder) -> str:
+    why = "nominal, because the scenario has none" if ladder.nominal else "the scenario's own"
+    return f"The command delay is {ladder.delay_s:g} s ({why}); any other mismatch waits for the last rung."
+
+
+def _metres(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
+def _cost(rung: Rung) -> str:
+    return "" if rung.cost_m is None else f"{1e3 * rung.cost_m:+.1f}"

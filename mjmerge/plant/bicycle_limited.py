@@ -1,0 +1,55 @@
+"""Kinematic bicycles that are moved as cars are: by wheel torques and steering angles, within limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mjmerge.actuation import BelievedCars, resistance_n
+from mjmerge.loader import car_sheets
+from mjmerge.mismatch import Mismatch
+from mjmerge.plant.bicycle import Bicycle, upright
+from mjmerge.plant.kinematic import Arrivals
+from mjmerge.scenario import Scenario
+from mjmerge.state import Array, Cars, Controls
+from mjmerge.world import World
+
+
+class LimitedBicycle(Bicycle):
+    """A bicycle whose acceleration is (sum tau / r_w - resistance) / m_eff, by its car's data sheet.
+
+    The steering reaches the commanded angle at the end of the control step, at a steady rate.
+    """
+
+    limited = True
+
+    def __init__(
+        self, state: Array, wheelbase_m: Array, arrivals: Arrivals, world: World | None, cars: BelievedCars
+    ) -> None:
+        """Args as of :class:`Bicycle`, and what the cars are in truth."""
+        super().__init__(state, wheelbase_m, arrivals, world)
+        self._cars = cars
+        self._steer_command = np.zeros(state.shape[:2])
+
+    def observe(self) -> Cars:
+        """See :meth:`Plant.observe`."""
+        return replace(super().observe(), steer_command_rad=self._steer_command)
+
+    def _arriving(self, controls: Controls) -> Iterator[tuple[Array, tuple[Array, Array]]]:
+        turned, self._steer_command = controls.steer_rad - self._steer_command, controls.steer_rad
+        for duration_s, told in self._arrivals(np.stack([controls.torque_n_m.sum(axis=-1), turned], axis=-1)):
+            cars, v = self._cars, self._x[..., 3]
+            force_n = told[..., 0] / cars.wheel_radius_m - resistance_n(v, cars)
+            yield duration_s, (force_n / cars.effective_mass_kg, told[..., 1] / self._arrivals.step_s)
+
+
+def make(
+    scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int
+) -> LimitedBicycle:
+    """At t = 0; see :func:`mjmerge.plant.make`."""
+    del threads
+    state, wheelbase = upright(scenario, len(mismatch))
+    cars = BelievedCars.of(car_sheets(scenario), limited=True)
+    return LimitedBicycle(state, wheelbase, Arrivals(mismatch, scenario.control_step_s), world, cars)

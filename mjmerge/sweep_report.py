@@ -1,0 +1,418 @@
+"""What a person gets from a sweep: failure rates with intervals, margins, the worst runs, their commands."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mjmerge.campaign import GRID, RANDOM, Plan
+from mjmerge.figures import COLOURS, LINE, MU, save, sheet
+from mjmerge.outcome import EMPTY, FAILED, PASSED
+from mjmerge.record.manifest import versions
+from mjmerge.statistics import CONFIDENCE, Rate, clopper_pearson
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+REPORT = "report.md"
+WORST = 10
+"""Runs that the report shows the command of."""
+
+Rows = list[dict[str, Any]]
+
+_FEW = 12  # an axis of no more values is tabled value by value, another in quarters
+_MOST_PANELS = 24
+_VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], "#7b3fa0", MU)
+_OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}
+
+
+def failure_rate(rows: Rows) -> Rate:
+    """How many failed, of those that were not vacuous."""
+    counts = Counter(row["outcome"] for row in rows)
+    return clopper_pearson(counts[FAILED], counts[FAILED] + counts[PASSED])
+
+
+def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
+    """What ``--json`` prints of a sweep."""
+    rows: Rows = table.to_pylist()
+    return {
+        "campaign": plan.name,
+        "runs": len(rows),
+        "outcomes": {name: sum(row["outcome"] == name for row in rows) for name in (PASSED, EMPTY, FAILED)},
+        "failure_rate": _as_json(failure_rate(rows)),
+        "groups": [
+            dict(zip(("scenario", "plant", "variant"), key, strict=True))
+            | {
+                "runs": len(group),
+                "vacuous": sum(row["outcome"] == EMPTY for row in group),
+                "failure_rate": _as_json(failure_rate(group)),
+                "min_distance_m": _least(group),
+            }
+            for key, group in groups(rows).items()
+        ],
+        "stopped": sum(row["stopped"] is not None for row in rows),
+        "touching_in_margin": len(_touching_outside(rows)),
+        "inside_margin_clear": len(_inside_clear(rows)),
+        "worst": [
+            {
+                "run": row["run"],
+                "min_distance_m": row["min_distance_m"],
+                "verdict": row["verdict"],
+                "command": command(plan, row),
+            }
+            for row in worst(rows)
+        ],
+        "versions": versions(),
+    }
+
+
+def write(plan: Plan, table: pa.Table, folder: Path) -> None:
+    """``report.md`` and its figures."""
+    rows: Rows = table.to_pylist()
+    drawn = []
+    for name, figure in _figures(plan, rows):
+        save(figure, folder / name)
+        drawn.append(name)
+    (folder / REPORT).write_text("\n".join(_lines(plan, rows, drawn)) + "\n", encoding="utf-8")
+
+
+def rich_table(table: pa.Table) -> Table:
+    """Failure rates for the terminal."""
+    from rich.table import Table
+
+    grid = Table(
+        "scenario", "plant", "law", "runs", "vacuous", "failed", "least d_j", box=None, pad_edge=False
+    )
+    for key, group in groups(table.to_pylist()).items():
+        vacuous = sum(row["outcome"] == EMPTY for row in group)
+        grid.add_row(
+            *key, str(len(group)), str(vacuous), str(failure_rate(group)), _metres(_least(group)) + " m"
+        )
+    return grid
+
+
+def groups(rows: Rows, keys: Sequence[str] = ("scenario", "plant", "variant")) -> dict[tuple[Any, ...], Rows]:
+    """Rows by the values of some columns, in the order they come up."""
+    found: dict[tuple[Any, ...], Rows] = {}
+    for row in rows:
+        found.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return found
+
+
+def worst(rows: Rows) -> Rows:
+    """The runs that came closest; one without data is worse than any other."""
+
+    def margin(row: dict[str, Any]) -> float:
+        return -np.inf if row["min_distance_m"] is None else float(row["min_distance_m"])
+
+    return sorted(rows, key=margin)[:WORST]
+
+
+def command(plan: Plan, row: Mapping[str, Any]) -> str:
+    """The command that gives this run alone, bit for bit, and records it."""
+    return shlex.join(("mjmerge", *plan.cases[row["run"]].command))
+
+
+def _as_json(rate: Rate) -> dict[str, Any]:
+    return {
+        "failed": rate.count,
+        "of": rate.of,
+        "rate": rate.value,
+        "low": rate.low,
+        "high": rate.high,
+        "confidence": CONFIDENCE,
+    }
+
+
+def _least(rows: Rows) -> float | None:
+    known = [row["min_distance_m"] for row in rows if row["min_distance_m"] is not None]
+    return min(known, default=None)
+
+
+def _touching_outside(rows: Rows) -> Rows:
+    """Runs whose bodies touched with both d_j > 0 throughout."""
+    return [
+        r
+        for r in rows
+        if (r["min_clearance_m"] is not None and r["min_clearance_m"] <= 0)
+        and r["min_distance_m"] is not None
+        and r["min_distance_m"] > 0
+    ]
+
+
+def _inside_clear(rows: Rows) -> Rows:
+    """Runs with d_j <= 0 whose bodies stayed clear."""
+    return [
+        r
+        for r in rows
+        if r["min_clearance_m"] is not None
+        and r["min_clearance_m"] > 0
+        and r["min_distance_m"] is not None
+        and r["min_distance_m"] <= 0
+    ]
+
+
+def _lines(plan: Plan, rows: Rows, drawn: Sequence[str]) -> Iterator[str]:
+    yield f"# Sweep {plan.name}"
+    yield ""
+    if plan.description:
+        yield f"{plan.description}\n"
+    told = ", ".join(f"{name} {version}" for name, version in versions().items())
+    yield f"{len(rows)} runs; all rows are in `table.parquet`. Made with {told}."
+    yield ""
+    yield "## Failures"
+    yield ""
+    yield (
+        "A run has failed if it did not keep its scenario's safety floor to the end: also if it ended early, "
+        "or has no data. A vacuous run (safe, but nothing challenged the barrier) counts neither way. "
+        f"Rates are failed / (failed + passed), with Clopper-Pearson intervals at {CONFIDENCE:.0%}."
+    )
+    yield ""
+    yield from _table(
+        ("scenario", "plant", "law", "runs", "vacuous", "failed", "least d_j (m)"),
+        [
+            (
+                *key,
+                len(group),
+                sum(row["outcome"] == EMPTY for row in group),
+                failure_rate(group),
+                _metres(_least(group)),
+            )
+            for key, group in groups(rows).items()
+        ],
+    )
+    named = [row for row in rows if row["mismatch"] not in (GRID, RANDOM)]
+    if len({row["mismatch"] for row in named}) > 1:
+        yield from _by_name(named)
+    rest = [row for row in rows if row["mismatch"] in (GRID, RANDOM)]
+    if rest:
+        yield from _by_axis(plan, rest)
+    yield from _causes(rows)
+    yield from _collisions(rows)
+    yield "## The worst runs"
+    yield ""
+    yield "Each command gives its run again, bit for bit, and records it; `mjmerge view` then opens it."
+    yield ""
+    for row in worst(rows):
+        first = f", '{row['first_broken']}' broke first" if row["first_broken"] else ""
+        least = row["min_distance_m"]
+        margin = "no data" if least is None else f"{least:.4f} m"
+        yield f"- run {row['run']}: {margin}, {row['verdict']}{first}"
+        yield ""
+        yield f"      {command(plan, row)}"
+        yield ""
+    if drawn:
+        yield "## Figures"
+        yield ""
+        for name in drawn:
+            yield f"![{name.removesuffix('.png')}]({name})"
+            yield ""
+
+
+def _by_name(rows: Rows) -> Iterator[str]:
+    """Margins of named mismatches, a column per scenario, plant and variant."""
+    yield "## Margins by mismatch"
+    yield ""
+    yield "Least d_j in m over the seeds; bold where a run failed, (v) where all runs were vacuous."
+    yield ""
+    columns = list(groups(rows))
+    plants = {plant for _, plant, _ in columns}
+    heads = [" ".join((s, v) if len(plants) == 1 else (s, p, v)) for s, p, v in columns]
+    body = []
+    for (name,), of in groups(rows, ("mismatch",)).items():
+        by = groups(of)
+        body.append((name, *(_cell(by[c]) if c in by else "" for c in columns)))
+    yield from _table(("mismatch", *heads), body)
+
+
+def _cell(rows: Rows) -> str:
+    text = _metres(_least(rows))
+    failed = sum(row["outcome"] == FAILED for row in rows)
+    if failed:
+        return f"**{text}**" + (f" ({failed} of {len(rows)})" if len(rows) > 1 else "")
+    return f"{text} (v)" if all(row["outcome"] == EMPTY for row in rows) else text
+
+
+def _by_axis(plan: Plan, rows: Rows) -> Iterator[str]:
+    """Failure rates along every axis of the grid or of the draws."""
+    yield "## Failures along each axis"
+    yield ""
+    yield "All other axes vary at the same time; an axis of many values is cut into quarters."
+    yield ""
+    body = []
+    for (scenario, plant, variant), group in groups(rows).items():
+        for axis in plan.axes:
+            for label, part in _slices(axis, group):
+                rate = failure_rate(part)
+                body.append((scenario, plant, variant, axis, label, rate, _metres(_least(part))))
+    yield from _table(("scenario", "plant", "law", "axis", "value", "failed", "least d_j (m)"), body)
+
+
+def _slices(axis: str, rows: Rows) -> Iterator[tuple[str, Rows]]:
+    values = {row[axis] for row in rows if row[axis] is not None}
+    if len(values) < 2:
+        return
+    if len(values) <= _FEW or not all(isinstance(value, float) for value in values):
+        for value in sorted(values):
+            yield _short(value), [row for row in rows if row[axis] == value]
+        return
+    edges = np.quantile(
+        [row[axis] for row in rows if row[axis] is not None], (0, 0.25, 0.5, 0.75, 1)
+    ).tolist()
+    for k, (low, high) in enumerate(pairwise(edges)):
+        part = [
+            row
+            for row in rows
+            if row[axis] is not None
+            and low <= row[axis]
+            and (row[axis] < high or (k == 3 and row[axis] == high))
+        ]
+        yield f"{_short(low)} to {_short(high)}", part
+
+
+def _causes(rows: Rows) -> Iterator[str]:
+    failed = [row for row in rows if row["outcome"] == FAILED]
+    if not failed:
+        return
+    yield "## What broke first"
+    yield ""
+    yield "Of the runs that failed, the hypothesis of the theorem that stopped being true first."
+    yield ""
+    counts = Counter((row["verdict"], row["first_broken"] or "none") for row in failed)
+    yield from _table(
+        ("verdict", "first broken", "runs"),
+        [(verdict, first, n) for (verdict, first), n in counts.most_common()],
+    )
+
+
+def _collisions(rows: Rows) -> Iterator[str]:
+    bodies = [row for row in rows if row["min_clearance_m"] is not None]
+    if not bodies:
+        return
+    touched = [row for row in bodies if row["min_clearance_m"] <= 0]
+    yield "## Collisions"
+    yield ""
+    yield (
+        f"Of {len(bodies)} runs with bodies, the ego touched another car in {len(touched)}; in "
+        f"{len(_touching_outside(rows))} of them with d_j > 0 throughout. In {len(_inside_clear(rows))} runs "
+        "it came inside the margin (d_j <= 0) and its body stayed clear."
+    )
+    hardest = max(touched, key=lambda row: row["contact_impulse_n_s"] or 0.0, default=None)
+    if hardest is not None and hardest["contact_impulse_n_s"]:
+        yield (
+            f"The hardest contact was {hardest['contact_impulse_n_s']:.3g} N s in all, at up to "
+            f"{hardest['contact_speed_mps'] or 0:.3g} m/s, in run {hardest['run']}."
+        )
+    yield ""
+
+
+def _table(head: Sequence[str], body: Sequence[Sequence[object]]) -> Iterator[str]:
+    yield "| " + " | ".join(head) + " |"
+    yield "|" + "---|" * len(head)
+    for row in body:
+        yield "| " + " | ".join(map(str, row)) + " |"
+    yield ""
+
+
+def _metres(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _figures(plan: Plan, rows: Rows) -> Iterator[tuple[str, Figure]]:
+    """Every figure and its file."""
+    for (scenario, plant), group in groups(rows, ("scenario", "plant")).items():
+        named = [row for row in group if row["mismatch"] not in (GRID, RANDOM)]
+        if len({row["mismatch"] for row in named}) > 1:
+            yield f"margins_{scenario}_{plant}.png", _margins(f"{scenario} on {plant}", named)
+        rest = [row for row in group if row["mismatch"] in (GRID, RANDOM)]
+        axes = [axis for axis in plan.axes if _spread(axis, rest)]
+        if axes:
+            yield f"axes_{scenario}_{plant}.png", _clouds(f"{scenario} on {plant}", rest, axes[:_MOST_PANELS])
+
+
+def _spread(axis: str, rows: Rows) -> bool:
+    values = {row[axis] for row in rows}
+    return len(values) > 1 and all(isinstance(value, float) for value in values)
+
+
+def _margins(title: str, rows: Rows) -> Figure:
+    """Least d_j of every named mismatch, a dot per law variant; crosses are failures."""
+    names = list(dict.fromkeys(row["mismatch"] for row in rows))
+    figure, (axes,) = sheet((1,), 1.4 + 0.17 * len(names))
+    for shown, ((variant,), of) in enumerate(groups(rows, ("variant",)).items()):
+        colour = _VARIANTS[shown % len(_VARIANTS)]
+        axes.scatter([], [], s=22, color=colour, label=variant)
+        for failed, marker in ((False, "o"), (True, "X")):
+            part = [r for r in of if (r["outcome"] == FAILED) == failed and r["min_distance_m"] is not None]
+            margins = [row["min_distance_m"] for row in part]
+            heights = [names.index(row["mismatch"]) + 0.15 * (-1) ** shown for row in part]
+            axes.scatter(margins, heights, color=colour, marker=marker, s=22, zorder=3)
+    axes.scatter([], [], s=22, color="black", marker="X", label="failed")
+    _limits(axes, rows, axes.axvline)
+    axes.set_yticks(range(len(names)), names, fontsize=7)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.margins(x=0.03)
+    axes.set_xlabel("least $d_j$ (m)")
+    figure.suptitle(title)
+    figure.legend(loc="outside lower center", ncols=6, frameon=False)
+    return figure
+
+
+def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
+    """Least d_j over the value of each axis, a dot per run, coloured by how the run counts."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    across = min(3, len(axes_))
+    down = -(-len(axes_) // across)
+    figure = Figure(figsize=(3.2 * across + 0.6, 2.6 * down + 0.9), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(down, across, squeeze=False, sharey=True)
+    for panel, axis in zip(panels.flat, axes_, strict=False):
+        for outcome, colour in _OUTCOMES.items():
+            part = [r for r in rows if r["outcome"] == outcome and r["min_distance_m"] is not None]
+            panel.scatter(
+                [row[axis] for row in part],
+                [row["min_distance_m"] for row in part],
+                s=8,
+                alpha=0.6,
+                linewidth=0,
+                color=colour,
+            )
+        _limits(panel, rows, panel.axhline)
+        panel.set_xlabel(axis, fontsize=8)
+        panel.tick_params(labelsize=8)
+        panel.locator_params(axis="x", nbins=5)
+        panel.grid(alpha=0.25)
+    for row in panels:
+        row[0].set_ylabel("least $d_j$ (m)", fontsize=8)
+    for panel in list(panels.flat)[len(axes_) :]:
+        panel.set_visible(False)
+    figure.suptitle(title)
+    handles = [
+        figure.axes[0].scatter([], [], s=20, color=colour, label=outcome)
+        for outcome, colour in _OUTCOMES.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _limits(axes: Axes, rows: Rows, line: Callable[..., Any]) -> None:
+    """The margin, and the safety floor if there is one above it."""
+    del axes
+    line(0, color=LINE, linewidth=1)
+    for floor in {row["floor_m"] for row in rows} - {0.0}:
+        line(floor, color=LINE, linewidth=0.8, linestyle=":")

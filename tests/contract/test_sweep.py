@@ -1,0 +1,239 @@
+"""Sweeps: the same table however they were run, killed or spread, and every row again by its command."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from mjmerge import campaign, sweep_report
+from mjmerge.cli import main
+from mjmerge.contract import judge
+from mjmerge.errors import OutputError
+from mjmerge.outcome import EMPTY, FAILED, PASSED, rows
+from mjmerge.sweep import SHARDS, TABLE, shards, sweep
+from mjmerge.trace import Stop
+
+CAMPAIGN = """\
+description: Small, and in many shards.
+blocks:
+  - scenarios: [paper, flips]
+    plants: [double_integrator]
+    variants: [literal, gated]
+    set: {duration_s: 1, control_step_s: 0.02}
+    grid: {law.k_o: [0.5, 0.8, 1, 1.5], mismatch.neighbour_position_noise_m: [0, 0.01]}
+    seeds: 2
+"""
+
+
+@pytest.fixture
+def file(tmp_path) -> Path:
+    path = tmp_path / "small.yaml"
+    path.write_text(CAMPAIGN)
+    return path
+
+
+def started(file: Path, out: Path, *more: str) -> subprocess.Popen:
+    command = [sys.executable, "-m", "mjmerge", "sweep", str(file), "--out", str(out), *more]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for_shards(process: subprocess.Popen, out: Path, count: int) -> None:
+    until = time.monotonic() + 120
+    while len(list((out / SHARDS).glob("*.parquet"))) < count:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def children(pid: int) -> list[int]:
+    try:
+        return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_the_table_does_not_depend_on_processes_or_on_who_runs_together(file, tmp_path):
+    plan = campaign.plan(file)
+    alone = sweep(plan, tmp_path / "a")
+    assert alone["run"].to_pylist() == list(range(64))
+    assert alone.equals(sweep(plan, tmp_path / "b", processes=2))
+    assert alone.equals(sweep(plan, tmp_path / "c", together=1))
+    assert alone.equals(pq.read_table(tmp_path / "a" / TABLE))
+    assert set(alone["campaign"].to_pylist()) == {"small"}
+    assert set(alone["law.k_o"].to_pylist()) == {0.5, 0.8, 1.0, 1.5}
+    versions = json.loads(alone.schema.metadata[b"mjmerge"])["versions"]
+    assert versions["mjmerge"]
+    assert versions["mujoco"]
+
+
+@pytest.mark.parametrize("finished", [0, 3, 9])
+def test_killed_and_run_again_it_gives_the_table_of_an_undisturbed_run(file, tmp_path, finished):
+    out = tmp_path / "killed"
+    process = started(file, out, "--workers", "2")
+    wait_for_shards(process, out, finished)
+    workers = children(process.pid)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    kept = {p.name: p.stat().st_mtime_ns for p in (out / SHARDS).glob("*.parquet")}
+    assert not (out / TABLE).exists()
+    assert len(kept) >= finished
+    until = time.monotonic() + 30
+    while any(alive(pid) for pid in workers):  # they follow their parent
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+    again = started(file, out, "--workers", "1")
+    assert again.communicate(timeout=300)[1] == ""
+    assert again.returncode == 0
+    assert pq.read_table(out / TABLE).equals(sweep(campaign.plan(file), tmp_path / "undisturbed"))
+    assert {name: (out / SHARDS / name).stat().st_mtime_ns for name in kept} == kept  # not run twice
+    assert not list(out.rglob("*.partial"))
+
+
+def test_interrupted_it_keeps_what_is_finished_and_says_how_to_go_on(file, tmp_path):
+    process = started(file, tmp_path / "out", "--workers", "2")
+    wait_for_shards(process, tmp_path / "out", 2)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "run it again to go on" in err
+    assert "Traceback" not in err
+    assert len(list((tmp_path / "out" / SHARDS).glob("*.parquet"))) >= 2
+
+
+def test_another_campaign_scenario_or_version_in_the_same_folder_is_refused(file, tmp_path, monkeypatch):
+    scenario = tmp_path / "mine.yaml"
+    scenario.write_text(
+        "description: mine\n" + (campaign.share.folder("scenarios") / "paper.yaml").read_text()
+        .replace("description:", "# ")
+    )  # fmt: skip
+    text = "blocks: [{scenarios: [mine.yaml], plants: [double_integrator], set: {duration_s: 0.2}}]"
+    file.write_text(text)
+    sweep(campaign.plan(file), tmp_path / "out")
+    sweep(campaign.plan(file), tmp_path / "out")  # the same again is no problem
+    scenario.write_text(scenario.read_text() + "\nroad: {lane_width_m: 1.3}\n")
+    with pytest.raises(OutputError, match=r"another scenario.*choose another --out"):
+        sweep(campaign.plan(file), tmp_path / "out")
+    scenario.write_text(scenario.read_text().replace("\nroad: {lane_width_m: 1.3}\n", ""))
+    file.write_text(text.replace("0.2", "0.3"))
+    with pytest.raises(OutputError, match="another campaign"):
+        sweep(campaign.plan(file), tmp_path / "out")
+    file.write_text(text)
+    monkeypatch.setattr("mjmerge.sweep.versions", lambda: {"mujoco": "9.9"})
+    with pytest.raises(OutputError, match=r"version of mujoco \(3.*now 9\.9\)"):
+        sweep(campaign.plan(file), tmp_path / "out")
+
+
+def test_a_folder_with_other_files_is_left_alone(file, tmp_path, capsys):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("years of work")
+    with pytest.raises(SystemExit) as stop:
+        main(["sweep", str(file), "--out", str(tmp_path / "out")])
+    assert stop.value.code == 2
+    assert "--out" in capsys.readouterr().err
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["thesis.tex"]
+
+
+def test_a_damaged_shard_is_run_again(file, tmp_path):
+    plan = campaign.plan(file)
+    whole = sweep(plan, tmp_path / "out")
+    shard = tmp_path / "out" / SHARDS / "000003.parquet"
+    shard.write_bytes(shard.read_bytes()[:100])
+    assert sweep(plan, tmp_path / "out").equals(whole)
+
+
+@pytest.mark.parametrize("plant", ["double_integrator", "mujoco"])
+def test_a_row_is_had_again_bit_for_bit_by_the_command_that_the_report_prints(tmp_path, capsys, plant):
+    axes = {
+        "mismatch.neighbour_position_noise_m": {"log_uniform": [0.001, 0.1]},
+        "mismatch.command_delay_s": {"uniform": [0.0, 0.1]},
+        "mismatch.friction": {"uniform": [0.2, 1.0]},
+    }
+    keys = {"duration_s": 0.6, "initial.ego.front_m": [-1.2, 1.3]}
+    block = {"scenarios": ["charge"], "plants": [plant], "set": keys, "random": {"draws": 4, "axes": axes}}
+    plan = campaign.plan({"blocks": [block]})
+    table = sweep(plan, tmp_path / "out")
+    sweep_report.write(plan, table, tmp_path / "out")
+    report = (tmp_path / "out" / sweep_report.REPORT).read_text()
+    commands = [line.strip() for line in report.splitlines() if line.startswith("      mjmerge run")]
+    assert len(commands) == 4
+    least = sorted(table.to_pylist(), key=lambda row: row["min_distance_m"])
+    assert len({row["min_distance_m"] for row in least}) > 1
+    for command, row in zip(commands, least, strict=True):
+        with pytest.raises(SystemExit):
+            main([*shlex.split(command)[1:], "--no-record", "--json"])
+        found = json.loads(capsys.readouterr().out)
+        assert found["min_distance_m"] == {"vehicle_1": row["min_d_1_m"], "vehicle_2": row["min_d_2_m"]}
+        assert found["verdict"] == row["verdict"]
+
+
+def test_the_command_prints_one_object_and_the_folder_holds_table_report_and_figures(file, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["sweep", str(file), "--out", str(tmp_path / "out"), "--workers", "1", "--json"])
+    out = capsys.readouterr().out
+    found = json.loads(out)
+    assert stop.value.code == 0
+    assert out.count("\n") == 1
+    assert found["runs"] == 64
+    assert sum(found["outcomes"].values()) == 64
+    assert found["worst"][0]["command"].startswith("mjmerge run ")
+    names = {p.name for p in (tmp_path / "out").iterdir()}
+    assert names >= {"table.parquet", "report.md", "plan.json", "shards"}
+    assert any(name.startswith("axes_") and name.endswith(".png") for name in names)
+
+
+def test_a_run_without_data_or_that_stopped_has_failed_and_a_vacuous_one_counts_neither_way(make_trace):
+    """Four runs: safe and challenged, safe and not, stopped while safe, without any data."""
+    d = np.full((4, 40, 2), 1.0)
+    d[0, 20:, 0] = 0.3
+    d[2, 20:] = np.nan
+    d[3] = np.nan
+    trace = make_trace(
+        runs=4,
+        distance_m=d,
+        sensed_distance_m=d,
+        stops=[Stop(2, 0.2, "ego", "off"), Stop(3, 0.0, "ego", "off")],
+    )
+    found = rows(trace, judge(trace))
+    assert [row["outcome"] for row in found] == [PASSED, EMPTY, FAILED, FAILED]
+    assert [row["min_distance_m"] for row in found] == [0.3, 1.0, 1.0, None]
+    rate = sweep_report.failure_rate(found)
+    assert (rate.count, rate.of) == (2, 3)
+    assert sweep_report.worst(found)[0] is found[3]
+
+
+def test_shards_are_of_much_the_same_size_and_bounded_in_ticks(file):
+    block = {"scenarios": ["paper"], "plants": ["double_integrator"], "seeds": 70}
+    assert [len(s.at) for s in shards(campaign.plan({"blocks": [block]}))] == [35, 35]
+    long = block | {"set": {"duration_s": 1000}}
+    assert max(len(s.at) for s in shards(campaign.plan({"blocks": [long]}))) * 100_001 <= 300_000
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="counts the processes of a Linux machine")
+def test_a_worker_that_dies_is_an_error_with_advice(file, tmp_path):
+    process = started(file, tmp_path / "out", "--workers", "2")
+    wait_for_shards(process, tmp_path / "out", 1)
+    for pid in children(process.pid):
+        if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            os.kill(pid, signal.SIGKILL)
+            break
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert "fewer --workers" in err
