@@ -35,9 +35,9 @@ SHORT = load("charge", ["duration_s=0.25"])
 ALL = Mismatch(
     friction=0.5, left_friction=0.4, patch_friction=0.3, patch_start_m=-1.0, patch_length_m=9.0,
     grade_rad=0.05, bank_rad=0.02, tyres="ideal", side_wind_n=1.0, load_kg=1.0, load_ahead_m=-0.1,
-    load_above_m=0.1, com_raised_m=0.02, yaw_inertia=1.2, wheel_radius=0.95,
-    front_stiffness=0.7, rear_stiffness=0.8, suspension_stiffness=0.7, torque_limit=0.5, brake_limit=0.5, steer_limit_rad=0.2, steer_rate_limit=0.5,
-    steer_lag=4.0, drive_lag_s=0.1, command_delay_s=0.05,
+    load_above_m=0.1, com_raised_m=0.02, yaw_inertia=1.2, wheel_radius=0.95, front_stiffness=0.7,
+    rear_stiffness=0.8, suspension_stiffness=0.7, torque_limit=0.5, brake_limit=0.5, steer_limit_rad=0.2,
+    steer_rate_limit=0.5, steer_lag=4.0, drive_lag_s=0.1, command_delay_s=0.05,
 )  # fmt: skip
 
 
