@@ -1,6 +1,7 @@
 """Mismatch in a batch: every simulation its own, none seen by the law, and the same bits alone."""
 
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -225,3 +226,30 @@ def test_every_axis_has_three_levels_that_a_scenario_accepts(size):
                 values - (default if isinstance(default, float) else 0.6 if "steer" in axis else 1.0)
             )
             assert (np.diff(off) >= 0).all(), axis
+
+
+# the documentation
+
+
+def rows():
+    """The table of axes: its cells by key."""
+    lines = (Path(__file__).parents[2] / "docs/mismatch.md").read_text("utf-8").splitlines()
+    cells = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("| `"))
+    return {c[0].strip("`"): c[1:] for c in cells}
+
+
+def test_the_table_of_axes_is_complete():
+    assert list(rows()) == list(Mismatch.model_fields)
+    assert all(source and what for _, _, _, what, _, _, source in rows().values())
+
+
+@pytest.mark.parametrize("axis", list(Mismatch.model_fields))
+def test_the_table_has_the_default_and_the_levels_that_the_code_has(axis):
+    def words(value):
+        return "null" if value is None else f"{value:g}" if isinstance(value, float) else value
+
+    _, _, default, _, rc, full, _ = rows()[axis]
+    assert default == words(Mismatch.model_fields[axis].default)
+    for size, cell in (("rc", rc), ("full", full)):
+        levels = LEVELS[size].get(axis, ())
+        assert cell == ", ".join(words(level[axis]) for level in levels)
