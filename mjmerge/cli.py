@@ -24,7 +24,7 @@ from mjmerge.errors import MjmergeError, OutputError, UnknownNameError
 _BAD_INPUT = 2
 _PATIENCE_S = 1.0  # a run that takes longer gets a progress bar
 
-PlantName = Literal["double_integrator", "bicycle", "mujoco"]
+PlantName = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.campaign import MISMATCH, Batches, Case, planned, size_of
-from mjmerge.figures import COLOURS, LINE, MU, save, sheet
+from mjmerge.figures import COLOURS, LINE, save, sheet
 from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import Scenario
 from mjmerge.sweep import Progress, Workers, measured
@@ -192,41 +192,53 @@ def rich_table(ladder: Ladder) -> Table:
 
 
 def waterfall(ladder: Ladder) -> Figure:
-    """Least d_j on every rung, and between two of them what the step took or gave."""
-    figure, (axes,) = sheet((1,), 4.2)
+    """Least d_j on every rung; below it, larger, what the step there took or gave."""
+    figure, (axes, steps) = sheet((3, 2), 5.6)
+    least = [rung.row["min_distance_m"] for rung in ladder.rungs]
+    highest = max((m for m in least if m is not None), default=1.0)
     before: float | None = None
-    for i, rung in enumerate(ladder.rungs):
-        now = rung.row["min_distance_m"]
+    for i, (rung, now) in enumerate(zip(ladder.rungs, least, strict=True)):
         if now is None:
             axes.text(i, 0, "no data", ha="center", va="bottom", fontsize=8)
-            before = None
-            continue
-        if before is None:
-            axes.bar(i, now, color=COLOURS["vehicle_1"], width=0.7)
         else:
-            axes.bar(i, now, color=MU, alpha=0.18, width=0.7)
-            lost = now < before
-            axes.bar(i, now - before, bottom=before, color=COLOURS["vehicle_2" if lost else "ego"], width=0.7)
-            axes.plot((i - 0.65, i - 0.35), (before, before), color=MU, linewidth=0.8)
-        cost = "" if rung.cost_m is None else f"\n({-1e3 * rung.cost_m:+.1f} mm)"
-        axes.annotate(
-            f"{now:.3f} m{cost}",
-            (i, max(now, before or now, 0)),
-            (0, 3),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-        )
+            base = now if before is None else min(now, before) if now > 0 else now
+            axes.bar(i, base, color=COLOURS["vehicle_1"], alpha=0.85, width=0.7)
+            if before is not None:
+                colour = COLOURS["vehicle_2" if now < before else "ego"]
+                axes.bar(i, now - before, bottom=before, color=colour, width=0.7)
+                axes.plot((i - 0.65, i + 0.35), (before, before), color="black", linewidth=0.7)
+            top = max(now, before or now, 0)
+            axes.annotate(f"{now:.3f} m", (i, top), (0, 3), textcoords="offset points", ha="center")
+        if rung.cost_m is not None:
+            gain_mm = -1e3 * rung.cost_m
+            colour = COLOURS["vehicle_2" if gain_mm < 0 else "ego"]
+            steps.bar(i, gain_mm, color=colour, width=0.7)
+            up = 3 if gain_mm >= 0 else -3
+            steps.annotate(
+                f"{gain_mm:+.1f}",
+                (i, gain_mm),
+                (0, up),
+                textcoords="offset points",
+                ha="center",
+                va="bottom" if up > 0 else "top",
+            )
         before = now
     axes.axhline(0, color=LINE, linewidth=1)
     floor = ladder.scenario.expect.min_distance_m.at_least
     if floor:
-        axes.axhline(floor, color=LINE, linewidth=0.8, linestyle=":", label="safety floor")
-        axes.legend(loc="lower left", frameon=False)
-    axes.set_xticks(range(len(ladder.rungs)), [rung.name for rung in ladder.rungs])
-    axes.margins(x=0.02, y=0.16)
+        axes.axhline(floor, color=LINE, linewidth=1, linestyle=":")
+        box = {"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1}
+        axes.text(-0.45, floor, "safety floor", va="center", fontsize=8, bbox=box)
+    axes.set_ylim(min([0.0, *(1.2 * m for m in least if m is not None)]), 1.15 * max(highest, 0.01))
+    steps.axhline(0, color="black", linewidth=0.7)
+    low, high = steps.get_ylim()
+    steps.set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
+    steps.set_xticks(range(len(ladder.rungs)), [rung.name for rung in ladder.rungs])
+    steps.set_xlim(-0.5, len(ladder.rungs) - 0.5)
     axes.set_ylabel("least $d_j$ (m)")
-    axes.grid(visible=False, axis="x")
+    steps.set_ylabel("this step (mm)")
+    for panel in (axes, steps):
+        panel.grid(visible=False, axis="x")
     figure.suptitle(f"{ladder.scenario.name}: what is left of the margin, rung by rung")
     return figure
 

@@ -116,7 +116,8 @@ class MuJoCo:
         own_m = model.geom_size[world.ids("geom", "tyre_{}"), 0]
         self._qpos[:, height_at] += (self._radius_m - own_m)[..., 0]
         for name, values in truth.changed.items():
-            self.batch.expand(name)[:] = values
+            field = self.batch.expand(name)
+            field[:] = values[:, : field.shape[1]]  # of bvh_aabb a batch has the bodies', not the meshes'
         self._tyres, self._friction, self._off_patch = truth.tyres, truth.friction, truth.friction
         self._yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
         self._wheels_m = world.wheels_m()
