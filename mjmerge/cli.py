@@ -435,7 +435,8 @@ def _check(args: Check) -> int:
         print(json.dumps(gate_json(results)))
     else:
         console = Console(highlight=False)
-        console.print(gate_table(results))
+        if not args.update:
+            console.print(gate_table(results))
         for line in said or [gate_failure(result) for result in failed]:
             console.print(line, markup=False, soft_wrap=True)
     if any(result.stopped for result in results):

@@ -235,20 +235,21 @@ def gate_table(results: Sequence[Result]) -> Table:
     from rich.table import Table
 
     grid = Table(box=None, pad_edge=False)
-    for name in ("scenario", "row", "plant"):
+    for name in ("scenario", "row"):
         grid.add_column(name, style="cyan" if name == "row" else None, no_wrap=True)
     for name in ("floor", "min d_1", "min d_2", "moved"):
-        grid.add_column(name, justify="right")
-    grid.add_column("verdict")
+        grid.add_column(name, justify="right", no_wrap=True)
+    grid.add_column("", no_wrap=True)
+    grid.add_column("verdict", no_wrap=True)
     for result in results:
         row, m, before = result.row, result.measured, result.baseline
         moved = "new"
         if before is not None:
             moved = f"{max(m.min_d_1_m - before.min_d_1_m, m.min_d_2_m - before.min_d_2_m, key=abs):+.4f}"
         good = not result.problems
-        word = f"[{'green' if good else 'red'}]{'ok' if good else 'FAILED'}[/], {result.verdict.verdict}"
+        word = f"[{'green' if good else 'red'}]{'ok' if good else 'FAILED'}[/]"
         least = (f"{value:.3f}" for value in (row.check.at_least_m, m.min_d_1_m, m.min_d_2_m))
-        grid.add_row(row.file.stem, row.check.name, row.check.plant, *least, moved, word)
+        grid.add_row(row.file.stem, row.check.name, *least, moved, word, result.verdict.verdict)
     return grid
 
 

@@ -206,7 +206,7 @@ def test_each_row_is_an_item_of_pytest(folder, pytester):
     write(folder, ROWS.replace("at_least_m: 0.19}", "at_least_m: 0.25}", 1))
     pytester.makeini(f"[pytest]\nmjmerge_scenarios = {folder}\n")
     (pytester.path / "test_own.py").write_text("def test_own():\n    pass\n")
-    done = pytester.runpytest_subprocess("-p", "mjmerge.pytest_plugin", "-v", str(folder), str(pytester.path))
+    done = pytester.runpytest_subprocess("-v", str(folder), str(pytester.path))
     done.assert_outcomes(passed=2, failed=1)
     done.stdout.fnmatch_lines(
         ["*mine.yaml::ideal FAILED*", "*mine.yaml::late PASSED*", "*below the floor of 0.25 m*"]
