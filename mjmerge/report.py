@@ -75,7 +75,13 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
         "hypotheses": dict.fromkeys(HYPOTHESES) | {b.hypothesis: b.time_s for b in verdicts[run].breaches},
         "decision": decision(trace)[run].as_dict(),
         "stops": [
-            {"seed": int(trace.seeds[s.run]), "time_s": s.time_s, "car": s.car, "reason": s.reason}
+            {
+                "seed": int(trace.seeds[s.run]),
+                "time_s": s.time_s,
+                "car": s.car,
+                "reason": s.reason,
+                "touched": s.touched,
+            }
             for s in trace.stops
         ],
         "duration_s": _number(max(ends)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.metrics import Event
 from mjmerge.phases import Phase
+from mjmerge.record.digest import Digest
 from mjmerge.record.scene import Scene
 from mjmerge.scenario import Scenario
 from mjmerge.trace import Array, Block
@@ -62,12 +63,14 @@ class Outcome:
         verdict: the contract's word for it.
         summary: what ``summary.json`` holds.
         phases: every change of state, subject by subject.
+        digests: fingerprint of every column; :class:`Recording` fills it in.
     """
 
     events: Sequence[Event]
     verdict: str
     summary: Mapping[str, Any]
     phases: Sequence[Phase] = ()
+    digests: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,7 @@ class Recording:
         self._header = header
         self._factories = factories
         self._scene = Scene(header.model, header.scenario.law.r_m)
+        self._digest = Digest()
         self._live: dict[str, Recorder] = {}
         self._failed: dict[str, str] = {}
 
@@ -142,6 +146,7 @@ class Recording:
         """Hands a block to every recorder that is still well."""
         if not self._live:
             return
+        self._digest.add(block)
         pos_m, quat = self._scene.poses(block)
         posed = PosedBlock(block, nanoseconds(block.ticks * self._header.control_step_s), pos_m, quat)
         for name, recorder in list(self._live.items()):
@@ -149,6 +154,7 @@ class Recording:
 
     def close(self, outcome: Outcome) -> None:
         """Completes every file that is still well and gives it its name."""
+        outcome = replace(outcome, digests=self._digest.hex())
         for name, recorder in list(self._live.items()):
             self._attempt(name, self._finish, name, recorder, outcome)
         self._live.clear()

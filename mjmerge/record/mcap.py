@@ -81,6 +81,7 @@ class McapRecorder:
             log = _log_message(phase.time_s, fox.LogLevel.Info, phase.subject, phase.state)
             self._phases.log(log, log_time=int(nanoseconds(phase.time_s)))
         self._writer.write_metadata("outcome", {"verdict": outcome.verdict})
+        self._writer.write_metadata("sha256", dict(outcome.digests))
         self._attach("summary.json", "application/json", json.dumps(outcome.summary, indent=2))
         self._writer.close()
 

@@ -22,7 +22,7 @@ from mjmerge.metrics import Event
 from mjmerge.phases import Phase
 from mjmerge.record import layout, report
 from mjmerge.record.base import Header, Outcome, PosedBlock, nanoseconds
-from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision
+from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision, manifest
 from mjmerge.record.scene import Scene, Shape
 from mjmerge.scenario import CARS
 from mjmerge.trace import COLUMNS, NEIGHBOURS, Array, Column
@@ -89,6 +89,7 @@ class RerunRecorder:
             "versions": json.dumps(dict(h.versions)),
             "git_revision": git_revision() or "unknown",
             "conventions": json.dumps(CONVENTIONS),
+            "manifest": json.dumps(manifest(h)),
         }
         self._stream.send_property("run", rr.AnyValues(**about))
         self._text("/run/report", report.unfinished(h), rr.MediaType.MARKDOWN)
@@ -199,8 +200,9 @@ class RerunRecorder:
         )
         self._stream.send_columns("/events", _times(at, ticks), rows)
         self._states(outcome.phases)
-        about = rr.AnyValues(verdict=outcome.verdict, summary=json.dumps(outcome.summary))
-        self._stream.send_property("outcome", about)
+        about = {"verdict": outcome.verdict, "summary": outcome.summary, "sha256": outcome.digests}
+        texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in about.items()}
+        self._stream.send_property("outcome", rr.AnyValues(**texts))
         self._text("/run/report", report.finished(self._header, outcome), rr.MediaType.MARKDOWN)
         self.abort()
 
