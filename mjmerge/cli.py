@@ -107,6 +107,16 @@ class View:
 
 
 @dataclass(frozen=True)
+class Verify:
+    """Check a recording with nothing but the file. Exit code 0: right; 1: something wrong; 2: unreadable."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
 class Export:
     """Print the composed MJCF world of a scenario, or write it to a file."""
 
@@ -308,6 +318,22 @@ def _view(args: View) -> int:
     return 0
 
 
+def _verify(args: Verify) -> int:
+    from rich.console import Console
+
+    from mjmerge.record.read import recording
+    from mjmerge.record.verify import table, verify
+
+    found = verify(recording(args.file))
+    if args.json:
+        print(json.dumps(found.as_dict()))
+    else:
+        console = Console(highlight=False)
+        console.print(f"[bold]{found.recorded.path}[/]", soft_wrap=True)
+        console.print(table(found))
+    return 0 if found.right else 1
+
+
 def _export(args: Export) -> int:
     from mjmerge.loader import load
     from mjmerge.world import build
@@ -339,6 +365,7 @@ _COMMANDS: dict[type, Callable[..., int]] = {
     Survey: _survey,
     List: _list,
     View: _view,
+    Verify: _verify,
     Export: _export,
     Schema: _schema,
 }
@@ -360,6 +387,7 @@ def main(argv: list[str] | None = None) -> None:
         | Annotated[Survey, tyro.conf.subcommand("survey")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[View, tyro.conf.subcommand("view")]
+        | Annotated[Verify, tyro.conf.subcommand("verify")]
         | Annotated[Export, tyro.conf.subcommand("export")]
         | Annotated[Schema, tyro.conf.subcommand("schema")],
         prog="mjmerge",

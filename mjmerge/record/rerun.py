@@ -200,9 +200,12 @@ class RerunRecorder:
         )
         self._stream.send_columns("/events", _times(at, ticks), rows)
         self._states(outcome.phases)
-        about = {"verdict": outcome.verdict, "summary": outcome.summary, "sha256": outcome.digests}
-        texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in about.items()}
-        self._stream.send_property("outcome", rr.AnyValues(**texts))
+        about: dict[str, Any] = {
+            "verdict": outcome.verdict,
+            "summary": json.dumps(outcome.summary),
+            "sha256": json.dumps(dict(outcome.digests)),
+        }
+        self._stream.send_property("outcome", rr.AnyValues(**about))
         self._text("/run/report", report.finished(self._header, outcome), rr.MediaType.MARKDOWN)
         self.abort()
 
