@@ -117,6 +117,32 @@ class Verify:
 
 
 @dataclass(frozen=True)
+class Replay:
+    """Run a recording's scenario again and compare bit for bit. Exit code 0: same; 1: not; 2: unreadable."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Threads for the physics, 0 for all cores; does not change the result."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
+class Convert:
+    """Write a recording as a table, a row per tick, units in the column names."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    csv: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Write CSV."""
+    parquet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Write Parquet."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; by default beside the recording, with the ending .csv or .parquet."""
+
+
+@dataclass(frozen=True)
 class Export:
     """Print the composed MJCF world of a scenario, or write it to a file."""
 
@@ -334,6 +360,46 @@ def _verify(args: Verify) -> int:
     return 0 if found.right else 1
 
 
+def _replay(args: Replay) -> int:
+    from rich.console import Console
+
+    from mjmerge.record.read import recording
+    from mjmerge.record.replay import replay
+
+    if args.threads < 0:
+        raise MjmergeError(f"--threads is {args.threads}; it must be at least 0")
+    path = recording(args.file)
+    with _progress(1.0, "replaying") as progress:
+        done = replay(path, args.threads, progress)
+    if args.json:
+        print(json.dumps(done.as_dict()))
+    else:
+        console = Console(highlight=False, soft_wrap=True)
+        console.print(f"[bold]{path}[/]")
+        for line in done.lines():
+            console.print(line, markup=False)
+    return 0 if done.same else 1
+
+
+def _convert(args: Convert) -> int:
+    from mjmerge.record.convert import to_csv, to_parquet
+    from mjmerge.record.read import read, recording
+
+    if not args.csv and not args.parquet:
+        raise MjmergeError("say what to write: --csv, --parquet or both")
+    if args.csv and args.parquet and args.out is not None:
+        raise MjmergeError("--out names one file: with it, choose either --csv or --parquet")
+    path = recording(args.file)
+    found = read(path)
+    beside = path.with_suffix("") if path.suffix == ".partial" else path
+    for wanted, ending, write in ((args.csv, ".csv", to_csv), (args.parquet, ".parquet", to_parquet)):
+        if wanted:
+            out = args.out or beside.with_suffix(ending)
+            write(found, out)
+            print(out)
+    return 0
+
+
 def _export(args: Export) -> int:
     from mjmerge.loader import load
     from mjmerge.world import build
@@ -366,6 +432,8 @@ _COMMANDS: dict[type, Callable[..., int]] = {
     List: _list,
     View: _view,
     Verify: _verify,
+    Replay: _replay,
+    Convert: _convert,
     Export: _export,
     Schema: _schema,
 }
@@ -388,6 +456,8 @@ def main(argv: list[str] | None = None) -> None:
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[View, tyro.conf.subcommand("view")]
         | Annotated[Verify, tyro.conf.subcommand("verify")]
+        | Annotated[Replay, tyro.conf.subcommand("replay")]
+        | Annotated[Convert, tyro.conf.subcommand("convert")]
         | Annotated[Export, tyro.conf.subcommand("export")]
         | Annotated[Schema, tyro.conf.subcommand("schema")],
         prog="mjmerge",

@@ -169,7 +169,10 @@ def read(path: Path) -> Recorded:
     Raises:
         UnreadableError: it is no recording, or nothing of the run is in it.
     """
-    kind, found, split = _gather(path)
+    try:
+        kind, found, split = _gather(path)
+    except (KeyError, ValueError, TypeError) as error:
+        raise UnreadableError(path, f"what it says of the run is damaged: {error}") from error
     if "control_step_s" not in found.manifest or "scenario.yaml" not in found.texts:
         where = f": {found.fault}" if found.fault else ""
         raise UnreadableError(path, f"what the run was is not in it{where}")
