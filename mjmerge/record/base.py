@@ -75,19 +75,48 @@ class Outcome:
 
 @dataclass(frozen=True)
 class PosedBlock:
-    """A block of consecutive ticks, and where everything that is drawn was.
+    """A block of consecutive ticks, and where everything that is drawn was at some of them.
 
     Attributes:
         block: the ticks and their columns.
         time_ns: simulated time from the tick index, ns, (B,).
-        pos_m: origins of ``Scene.frames`` in the world, m, (B, F, 3).
-        quat: their orientations, w x y z, (B, F, 4).
+        drawn: which ticks of the block are drawn, (D,).
+        pos_m: origins of ``Scene.frames`` in the world, m, (D, F, 3).
+        quat: their orientations, w x y z, (D, F, 4).
     """
 
     block: Block
     time_ns: NDArray[np.int64]
+    drawn: NDArray[np.intp]
     pos_m: Array
     quat: Array
+
+
+def pose(block: Block, scene: Scene, control_step_s: float) -> PosedBlock:
+    """A block with what is drawn of it."""
+    drawn = scene.drawn(block, control_step_s)
+    time_ns = nanoseconds(block.ticks * control_step_s)
+    return PosedBlock(block, time_ns, drawn, *scene.poses(block, drawn))
+
+
+def join(parts: Sequence[PosedBlock]) -> PosedBlock:
+    """Consecutive blocks as one; without ``qpos``, which nobody needs any more."""
+    starts = np.cumsum([0, *(len(p.time_ns) for p in parts[:-1])])
+    block = Block(
+        ticks=np.concatenate([p.block.ticks for p in parts]),
+        time_s=np.concatenate([p.block.time_s for p in parts]),
+        columns={
+            name: np.concatenate([p.block.columns[name] for p in parts]) for name in parts[0].block.columns
+        },
+        qpos=np.empty((sum(len(p.time_ns) for p in parts), 0)),
+    )
+    return PosedBlock(
+        block,
+        np.concatenate([p.time_ns for p in parts]),
+        np.concatenate([start + p.drawn for start, p in zip(starts, parts, strict=True)]),
+        np.concatenate([p.pos_m for p in parts]),
+        np.concatenate([p.quat for p in parts]),
+    )
 
 
 class Recorder(Protocol):
@@ -147,8 +176,7 @@ class Recording:
         if not self._live:
             return
         self._digest.add(block)
-        pos_m, quat = self._scene.poses(block)
-        posed = PosedBlock(block, nanoseconds(block.ticks * self._header.control_step_s), pos_m, quat)
+        posed = pose(block, self._scene, self._header.control_step_s)
         for name, recorder in list(self._live.items()):
             self._attempt(name, self._write, recorder, posed)
 

@@ -170,7 +170,7 @@ def read(path: Path) -> Recorded:
         UnreadableError: it is no recording, or nothing of the run is in it.
     """
     try:
-        kind, found, split = _gather(path)
+        kind, found = _gather(path)
     except (KeyError, ValueError, TypeError) as error:
         raise UnreadableError(path, f"what it says of the run is damaged: {error}") from error
     if "control_step_s" not in found.manifest or "scenario.yaml" not in found.texts:
@@ -184,7 +184,7 @@ def read(path: Path) -> Recorded:
         first = next(iter(grids))
         times = grids[first][1][rows[first]]
         values = {name: series[rows[name]] for name, (_, _, series) in found.series.items()}
-        columns = split(values)
+        columns = _split(values)
     summary = found.texts.get("summary.json")
     return Recorded(
         path=path,
@@ -217,20 +217,17 @@ def read_rrd(path: Path) -> dict[str, Array]:
     return dict(read(path).columns)
 
 
-Split = Callable[[Mapping[str, Array]], dict[str, Array]]
-
-
-def _gather(path: Path) -> tuple[str, _Found, Split]:
-    """What kind of file it is, what is in it, and what makes columns of its series."""
+def _gather(path: Path) -> tuple[str, _Found]:
+    """What kind of file it is, and what is in it."""
     try:
         with path.open("rb") as file:
             magic = file.read(8)
     except OSError as error:
         raise UnreadableError(path, error.strerror or str(error)) from error
     if magic == _MCAP_MAGIC:
-        return "mcap", _gather_mcap(path), _split_mcap
+        return "mcap", _gather_mcap(path)
     if magic.startswith(_RRD_MAGIC):
-        return "rrd", _gather_rrd(path), _split_rrd
+        return "rrd", _gather_rrd(path)
     raise UnreadableError(path, "it is neither a Rerun nor an MCAP recording")
 
 
@@ -258,6 +255,24 @@ def _mcap_records(path: Path, found: _Found) -> Iterator[Any]:
         except Exception as error:  # whatever the bytes of a damaged file lead to
             found.finished = False
             found.fault = str(error) or type(error).__name__
+
+
+def mcap_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
+    """Time, ns, and content of every message of a topic, as far as the file can be read."""
+    from mcap.records import Channel, Message, Schema
+    from mcap_protobuf.decoder import DecoderFactory
+
+    decoders, schemas, decode = DecoderFactory(), {}, {}
+    for record in _mcap_records(path, _Found()):
+        match record:
+            case Schema():
+                schemas[record.id] = record
+            case Channel() if record.topic == topic:
+                decode[record.id] = decoders.decoder_for(
+                    record.message_encoding, schemas.get(record.schema_id)
+                )
+            case Message() if decode.get(record.channel_id):
+                yield record.log_time, decode[record.channel_id](record.data)
 
 
 def _gather_mcap(path: Path) -> _Found:
@@ -323,7 +338,8 @@ def _leaves(fields: tuple[Field, ...]) -> list[str]:
     return [f"{f.name}.{part}" if part else f.name for f in fields for part in f.parts or ("",)]
 
 
-def _split_mcap(series: Mapping[str, Array]) -> dict[str, Array]:
+def _split(series: Mapping[str, Array]) -> dict[str, Array]:
+    """Columns from the numbers of each topic, which are in the order of its message."""
     from mjmerge.record import schema
 
     law = series[schema.LAW_TOPIC]
@@ -392,24 +408,29 @@ def _batches(path: Path, found: _Found) -> Iterator[tuple[str, pa.RecordBatch]]:
             found.fault = str(error) or type(error).__name__
 
 
-def _gather_rrd(path: Path) -> _Found:
-    from mjmerge.record import layout
+def rrd_batches(path: Path) -> Iterator[tuple[str, pa.RecordBatch]]:
+    """Entity path and data of every chunk, as far as the file can be read."""
+    return _batches(path, _Found())
 
+
+def _gather_rrd(path: Path) -> _Found:
+    from mjmerge.record import arrow, layout, schema
+
+    messages = {schema.LAW_TOPIC: arrow.component(schema.LAW_MESSAGE)}
+    messages |= {schema.car_topic(car): arrow.component(schema.CAR_MESSAGE) for car in CARS}
     subjects = {layout.phase_entity(subject): subject for subject in NAMES}
     texts = {"/run/scenario": "scenario.yaml", "/run/world": "world.xml"}
     levels = {"INFO": "info", "WARN": "warning", "ERROR": "error"}
     found = _Found()
-    parts: dict[str, list[tuple[Ticks, Ticks, Array]]] = defaultdict(list)
+    parts: dict[str, list[tuple[Ticks, Array]]] = defaultdict(list)
 
     def one(batch: pa.RecordBatch, name: str) -> Any:
         return batch[name][0].as_py()[0]
 
     for entity, batch in _batches(path, found):
         names = set(batch.schema.names)
-        if {"step", "Scalars:scalars"} <= names:
-            ticks = batch["step"].to_numpy()
-            values = batch["Scalars:scalars"].flatten().to_numpy().reshape(len(ticks), -1)
-            parts[entity].append((ticks, _time_ns(batch), values))
+        if entity in messages and messages[entity] in names:
+            parts[entity].append((time_ns_of(batch), arrow.numbers(batch[messages[entity]])))
         elif entity in texts and "TextDocument:text" in names:
             found.texts[texts[entity]] = one(batch, "TextDocument:text")
         elif entity == "/__properties/run" and "manifest" in names:
@@ -420,47 +441,23 @@ def _gather_rrd(path: Path) -> _Found:
             found.texts["summary.json"] = one(batch, "summary")
             found.sha256 = json.loads(one(batch, "sha256"))
         elif entity == "/events" and "TextLog:text" in names:
-            rows = zip(_time_ns(batch), batch["TextLog:level"], batch["TextLog:text"], strict=True)
+            rows = zip(time_ns_of(batch), batch["TextLog:level"], batch["TextLog:text"], strict=True)
             found.said += [(int(t), levels[level.as_py()[0]], text.as_py()[0]) for t, level, text in rows]
         elif entity in subjects and "StateChange:state" in names:
-            changes = zip(_time_ns(batch), batch["StateChange:state"], strict=True)
+            changes = zip(time_ns_of(batch), batch["StateChange:state"], strict=True)
             found.states += [(int(t), subjects[entity], s.as_py()[0] or ENDED) for t, s in changes]
-    if found.schema_version == SCHEMA_VERSION:
-        wanted = {entity for c in COLUMNS for entity in _entities(c)} | {_time_entity()}
-        if wanted <= parts.keys():  # otherwise cut off within the first block
-            for entity in sorted(wanted):
-                ticks = np.concatenate([part[0] for part in parts[entity]])
-                time_ns = np.concatenate([part[1] for part in parts[entity]])
-                numbers = np.concatenate([part[2] for part in parts[entity]])
-                order = np.argsort(ticks, kind="stable")  # chunks come in any order
-                found.series[entity] = ticks[order], time_ns[order], numbers[order]
+    step_ns = found.manifest.get("control_step_s", 1.0) * _NS_PER_S
+    if found.schema_version == SCHEMA_VERSION and messages.keys() <= parts.keys():
+        for entity in messages:  # otherwise cut off within the first block
+            time_ns = np.concatenate([part[0] for part in parts[entity]])
+            numbers = np.concatenate([part[1] for part in parts[entity]])
+            order = np.argsort(time_ns, kind="stable")  # chunks come in any order
+            ticks = np.rint(time_ns / step_ns).astype(np.int64)
+            found.series[entity] = ticks[order], time_ns[order], numbers[order]
     return found
 
 
-def _time_ns(batch: pa.RecordBatch) -> Ticks:
+def time_ns_of(batch: pa.RecordBatch) -> Ticks:
+    """Simulated time of each row, ns."""
     times: Ticks = batch["sim_time"].to_numpy(zero_copy_only=False).astype("timedelta64[ns]").astype(np.int64)
     return times
-
-
-def _time_entity() -> str:
-    from mjmerge.record.rerun import TIME_ENTITY
-
-    return TIME_ENTITY
-
-
-def _entities(column: Any) -> list[str]:
-    from mjmerge.record.rerun import series
-
-    return [entity for entity, _ in series(column)]
-
-
-def _split_rrd(series: Mapping[str, Array]) -> dict[str, Array]:
-    from mjmerge.record.rerun import series as places
-
-    columns = {"time_s": series[_time_entity()][:, 0]}
-    for c in COLUMNS:
-        columns[c.name] = np.empty((len(columns["time_s"]), *c.shape))
-        for entity, index in places(c):
-            part = columns[c.name][index]
-            part[...] = series[entity].reshape(part.shape)
-    return columns
