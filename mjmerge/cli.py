@@ -129,6 +129,46 @@ class Replay:
 
 
 @dataclass(frozen=True)
+class Compare:
+    """Show two recordings side by side: a table, figure.png, and compare.rrd with both in one scene."""
+
+    a: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, or a run folder."""
+    b: Annotated[Path, tyro.conf.Positional]
+    """Another."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for figure and recording; by default compared, where an earlier one makes way."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
+class Video:
+    """Make an mp4 of a recording: the cars drawn by MuJoCo, opinion and distances beside them."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    camera: Literal["chase", "overhead"] = "chase"
+    """From behind the ego, or from above."""
+    speed: Annotated[float, tyro.conf.arg(metavar="FACTOR")] = 1.0
+    """Simulated seconds per second of the video."""
+    fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
+    """Pictures per second."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; by default beside the recording, with the ending .mp4."""
+
+
+@dataclass(frozen=True)
+class Recover:
+    """Rewrite the recording of a run that was killed as a whole file; the old one stays."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """An unfinished .mcap or .rrd file (*.partial), or a run folder."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; by default run.recovered.mcap or run.recovered.rrd beside the old one."""
+
+
+@dataclass(frozen=True)
 class Convert:
     """Write a recording as a table, a row per tick, units in the column names."""
 
@@ -381,6 +421,56 @@ def _replay(args: Replay) -> int:
     return 0 if done.same else 1
 
 
+def _compare(args: Compare) -> int:
+    from rich.console import Console
+
+    from mjmerge.compare import Side, as_dict, figure, identical, recording_of_both, table
+    from mjmerge.record.read import read, recording
+    from mjmerge.run import prepare
+
+    a, b = (Side.of(read(recording(path))) for path in (args.a, args.b))
+    folder = args.out or Path("compared")
+    prepare(folder, args.out is None, ("figure.png", "compare.rrd"))
+    figure(a, b, folder / "figure.png")
+    recording_of_both(a, b, folder / "compare.rrd")
+    if args.json:
+        print(json.dumps(as_dict(a, b)))
+        return 0
+    console = Console(highlight=False)
+    for side, name in ((a, "A"), (b, "B")):
+        console.print(f"[bold]{name}[/]  {side.recorded.path}", soft_wrap=True)
+    console.print(table(a, b))
+    if identical(a.recorded, b.recorded):
+        console.print("every column is the same, bit for bit")
+    console.print(f"figure and both cars in one scene:  [bold]{folder}[/]", soft_wrap=True)
+    return 0
+
+
+def _video(args: Video) -> int:
+    from mjmerge.record.read import recording
+    from mjmerge.video import Options, video
+
+    if not 0 < args.speed < float("inf") or not 1 <= args.fps <= 240:
+        raise MjmergeError("--speed must be positive and finite, --fps from 1 to 240")
+    path = recording(args.file)
+    out = args.out or (path.with_suffix("") if path.suffix == ".partial" else path).with_suffix(".mp4")
+    with _progress(1.0, "drawing") as progress:
+        backend = video(path, out, Options(args.camera, args.fps, args.speed), progress)
+    print(f"{out} (drawn with {backend})")
+    return 0
+
+
+def _recover(args: Recover) -> int:
+    from mjmerge.record.read import recording
+    from mjmerge.record.recover import recover, recovered_name
+
+    path = recording(args.file)
+    out = args.out or recovered_name(path)
+    found = recover(path, out)
+    print(f"{out}: {len(found.ticks)} ticks, up to {found.last_s:.2f} s")
+    return 0
+
+
 def _convert(args: Convert) -> int:
     from mjmerge.record.convert import to_csv, to_parquet
     from mjmerge.record.read import read, recording
@@ -433,6 +523,9 @@ _COMMANDS: dict[type, Callable[..., int]] = {
     View: _view,
     Verify: _verify,
     Replay: _replay,
+    Compare: _compare,
+    Video: _video,
+    Recover: _recover,
     Convert: _convert,
     Export: _export,
     Schema: _schema,
@@ -457,6 +550,9 @@ def main(argv: list[str] | None = None) -> None:
         | Annotated[View, tyro.conf.subcommand("view")]
         | Annotated[Verify, tyro.conf.subcommand("verify")]
         | Annotated[Replay, tyro.conf.subcommand("replay")]
+        | Annotated[Compare, tyro.conf.subcommand("compare")]
+        | Annotated[Video, tyro.conf.subcommand("video")]
+        | Annotated[Recover, tyro.conf.subcommand("recover")]
         | Annotated[Convert, tyro.conf.subcommand("convert")]
         | Annotated[Export, tyro.conf.subcommand("export")]
         | Annotated[Schema, tyro.conf.subcommand("schema")],

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjmerge.scenario import CARS
 from mjmerge.state import PAIRS, Array, Mask
@@ -47,6 +48,13 @@ def merged_at_s(trace: Trace) -> Array:
     last_out = np.where(out.any(1), out.shape[1] - 1 - np.argmax(out[:, ::-1], axis=1), -1)
     merged = last_out < out.shape[1] - 1
     return np.where(merged, trace.time_s[np.minimum(last_out + 1, out.shape[1] - 1)], np.nan)
+
+
+def shared_ticks(a: Trace, b: Trace) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Ticks of one trace and of the other that are at the same times, each (T,)."""
+    ns_a, ns_b = (np.rint(trace.time_s * 1e9).astype(np.int64) for trace in (a, b))
+    in_a = np.flatnonzero(np.isin(ns_a, ns_b))
+    return in_a, np.searchsorted(ns_b, ns_a[in_a])
 
 
 def saturated(trace: Trace) -> Mask:

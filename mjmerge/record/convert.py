@@ -34,7 +34,8 @@ def flat(found: Recorded) -> dict[str, Array]:
         values = found.columns[column.name]
         for index in product(*map(range, column.shape)):
             parts = [axis[i] for axis, i in zip(column.axes, index, strict=True)]
-            out[".".join([column.name, *parts])] = np.ascontiguousarray(values[(slice(None), *index)])
+            where: tuple[slice | int, ...] = (slice(None), *index)
+            out[".".join([column.name, *parts])] = np.ascontiguousarray(values[where])
     return out
 
 
