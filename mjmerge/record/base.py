@@ -23,6 +23,9 @@ from mjmerge.trace import Array, Block
 if TYPE_CHECKING:
     import mujoco
 
+PARTIAL, WHOLE = ".partial", ".whole"
+"""Endings of a file that is not complete, and of what is about to take its place."""
+ENDINGS = ("", PARTIAL, PARTIAL + WHOLE)
 _SPARE_BYTES = 32 * 2**20
 """Recorders stop before the disk is full: a writer that hits its end can hang for good."""
 
@@ -119,6 +122,24 @@ def join(parts: Sequence[PosedBlock]) -> PosedBlock:
     )
 
 
+class Keep:
+    """A sink that keeps a run, with what is drawn of it."""
+
+    def __init__(self, header: Header) -> None:
+        """Args: what is known of the run."""
+        self._scene = Scene(header.model, header.scenario.law.r_m)
+        self._step_s = header.control_step_s
+        self._parts: list[PosedBlock] = []
+
+    def write(self, block: Block) -> None:
+        """Takes the next ticks."""
+        self._parts.append(pose(block, self._scene, self._step_s))
+
+    def posed(self) -> PosedBlock:
+        """All there was."""
+        return join(self._parts)
+
+
 class Recorder(Protocol):
     """Writes one file. Whatever it raises ends that file and nothing else."""
 
@@ -194,7 +215,7 @@ class Recording:
             self._drop(name)
 
     def _partial(self, name: str) -> Path:
-        return self._folder / f"{name}.partial"
+        return self._folder / f"{name}{PARTIAL}"
 
     def _open(self, name: str, factory: Factory) -> None:
         for path in (self._folder / name, self._partial(name)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import rerun as rr
@@ -86,8 +86,8 @@ def columns(*parts: rrb.Container) -> rrb.Blueprint:
     )
 
 
-def world_view(name: str, scenario: Scenario, world: str) -> rrb.Spatial3DView:
-    """``Chase``, ``3D`` or ``From above``: goes along the road with the ego, some safety margins away."""
+def world_view(name: str, scenario: Scenario, world: str, camera: str = "camera/ego") -> rrb.Spatial3DView:
+    """``Chase``, ``3D`` or ``From above``: goes along the road with a camera, some safety margins away."""
     eye, up = {
         "Chase": ((-5.0, 0.0, 3.0), (0, 0, 1)),
         "3D": ((-3.5, -5.0, 3.5), (0, 0, 1)),
@@ -102,7 +102,7 @@ def world_view(name: str, scenario: Scenario, world: str) -> rrb.Spatial3DView:
     )
     return rrb.Spatial3DView(
         name=name,
-        origin=f"{world}/camera/ego",
+        origin=f"{world}/{camera}",
         contents=f"{world}/**",
         background=rrb.Background(color=_BACKGROUND),
         line_grid=False,
@@ -116,27 +116,22 @@ def world_view(name: str, scenario: Scenario, world: str) -> rrb.Spatial3DView:
     )
 
 
-def plot_view(plot: Plot, root: str = "") -> rrb.TimeSeriesView:
-    """A plot of fields of our messages; ``root`` is where their topics are."""
-    overrides: dict[str, list[Any]] = {}
+def plot_view(plot: Plot) -> rrb.TimeSeriesView:
+    """A plot of fields of our messages."""
+    overrides: dict[Any, Any] = {}
     for line in plot.lines:
-        overrides.setdefault(root + line.topic, []).append(_visualizer(line))
-    return time_series(plot.name, overrides, list(plots.levels([plot])))
-
-
-def time_series(name: str, overrides: Mapping[Any, Any], others: Sequence[str] = ()) -> rrb.TimeSeriesView:
-    """A plot of what the overrides pick, and of some entities of scalars."""
+        overrides.setdefault(line.topic, []).append(_visualizer(line))
     return rrb.TimeSeriesView(
-        name=name,
+        name=plot.name,
         origin="/",
-        contents=[*overrides, *others],
-        overrides=dict(overrides),
+        contents=[*overrides, *plots.levels([plot])],
+        overrides=overrides,
         plot_legend=rrb.Corner2D.RightTop,
     )
 
 
 def _visualizer(line: Line) -> Any:
-    message = schema.LAW_MESSAGE if line.topic == schema.LAW_TOPIC else schema.CAR_MESSAGE
+    message = schema.LAW_MESSAGE if line.topic.endswith(schema.LAW_TOPIC) else schema.CAR_MESSAGE
     source = VisualizerComponentMapping(
         "Scalars:scalars",
         ComponentSourceKind.SourceComponent,

@@ -23,16 +23,15 @@ from mjmerge.metrics import Event
 from mjmerge.phases import Phase
 from mjmerge.record import arrow, layout, plots, report, schema
 from mjmerge.record.arrow import Template
-from mjmerge.record.base import Header, Outcome, PosedBlock, join, nanoseconds
+from mjmerge.record.base import WHOLE, Header, Outcome, PosedBlock, join, nanoseconds
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision, manifest
+from mjmerge.record.plots import Plot
 from mjmerge.record.scene import DISC_RGBA, Scene, Shape, closeness
 from mjmerge.scenario import CARS
 from mjmerge.trace import BLOCK_S, Array
 
 APPLICATION = "mjmerge_run"
 """Of the layout: an open viewer keeps the first layout it saw under a name."""
-WHOLE_SUFFIX = ".whole"
-"""Of the file that takes the place of the partial one in the end."""
 Still = list[tuple[str, rr.AsComponents]]
 """Entities and what never changes of them."""
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
@@ -40,7 +39,7 @@ _PATIENCE_S = 30.0
 """For writing to disk; without a limit, a write that failed would be waited for for ever."""
 _DRAW_S = 5.0
 """What is drawn follows the numbers to disk with this delay: it can be made of them again."""
-_CHUNK_TICKS = 4096
+CHUNK_TICKS = 4096
 """Ticks that a finished file keeps together."""
 _ARROW_R = 0.5
 """Length of an arrow for 1 m/s^2, in safety margins."""
@@ -80,7 +79,7 @@ class RerunRecorder:
 
     def close(self, outcome: Outcome) -> None:
         """Writes the file anew, with the events, the phases, the verdict and the summary."""
-        path = self._path.with_name(self._path.name + WHOLE_SUFFIX)
+        path = self._path.with_name(self._path.name + WHOLE)
         whole = self._open(path)
         for posed in self._chunks():
             whole.numbers(posed)
@@ -98,7 +97,7 @@ class RerunRecorder:
         for posed in self._posed:
             if len(posed.time_ns) > room:
                 chunks.append([])
-                room = _CHUNK_TICKS
+                room = CHUNK_TICKS
             chunks[-1].append(posed)
             room -= len(posed.time_ns)
         return [join(parts) for parts in chunks]
@@ -120,7 +119,7 @@ class Teller:
         self._stream, self._header, self._scene = stream, header, scene
         self._last_m: Array | None = None
         self._near = np.full(len(CARS) - 1, -1)
-        self._levels = plots.levels(plots.everything(header.scenario, scene.paint))
+        self._plots = plots.everything(header.scenario, scene.paint)
         self._describe()
         for entity, what in still:
             stream.log(entity, what, static=True)
@@ -146,27 +145,16 @@ class Teller:
 
     def numbers(self, posed: PosedBlock) -> None:
         """Adds every column at consecutive ticks."""
-        times = _times(posed.time_ns)
-        law = arrow.structs(schema.LAW_MESSAGE, schema.law_rows(posed.block))
-        self._send(schema.LAW_TOPIC, times, law)
-        for car in CARS:
-            state = arrow.structs(schema.CAR_MESSAGE, schema.car_rows(posed.block, car))
-            self._send(schema.car_topic(car), times, state)
+        send_numbers(self._stream, posed)
 
     def draw(self, posed: PosedBlock) -> None:
         """Adds what is drawn of consecutive ticks, and what plots are read against."""
-        ends = [0, -1]
-        for entity, level in self._levels.items():
-            scalars = _SCALARS.fill(np.full((2, 1), level.value))
-            self._send(entity, _times(posed.time_ns[ends]), scalars)
+        send_levels(self._stream, self._plots, posed.time_ns[[0, -1]])
         if not len(posed.drawn):
             return
         times = _times(posed.time_ns[posed.drawn])
         columns = {name: values[posed.drawn] for name, values in posed.block.columns.items()}
-        quat = np.roll(posed.quat, -1, axis=-1)  # x y z w
-        for f, frame in enumerate(self._scene.frames):
-            placed = _TRANSFORM.fill(posed.pos_m[:, f, None], quat[:, f, None])
-            self._send(layout.entity(frame.name), times, placed)
+        send_frames(self._stream, self._scene, posed, layout.entity)
         self._discs(posed, columns["distance_m"])
         self._trails(times, columns["front_m"])
         self._arrows(times, columns)
@@ -248,6 +236,35 @@ class Teller:
         self._stream.log(entity, rr.TextDocument(text, media_type=media_type), static=True)
 
 
+def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, root: str = "") -> None:
+    """Sends every column at consecutive ticks; ``root`` is where the topics go."""
+    times = _times(posed.time_ns)
+    law: Any = arrow.structs(schema.LAW_MESSAGE, schema.law_rows(posed.block))
+    stream.send_columns(root + schema.LAW_TOPIC, times, law)
+    for car in CARS:
+        state: Any = arrow.structs(schema.CAR_MESSAGE, schema.car_rows(posed.block, car))
+        stream.send_columns(root + schema.car_topic(car), times, state)
+
+
+def send_levels(stream: rr.RecordingStream, which: Sequence[Plot], time_ns: NDArray[np.int64]) -> None:
+    """Sends what plots are read against, at some times."""
+    for entity, level in plots.levels(which).items():
+        style = rr.SeriesLines(names=level.label, colors=[level.color], widths=[1.0])
+        stream.log(entity, style, static=True)
+        scalars: Any = _SCALARS.fill(np.full((len(time_ns), 1), level.value))
+        stream.send_columns(entity, _times(time_ns), scalars)
+
+
+def send_frames(
+    stream: rr.RecordingStream, scene: Scene, posed: PosedBlock, entity: Callable[[str], str]
+) -> None:
+    """Sends where the frames of a scene were; ``entity`` is where a frame's is."""
+    times, quat = _times(posed.time_ns[posed.drawn]), np.roll(posed.quat, -1, axis=-1)  # x y z w
+    for f, frame in enumerate(scene.frames):
+        placed: Any = _TRANSFORM.fill(posed.pos_m[:, f, None], quat[:, f, None])
+        stream.send_columns(entity(frame.name), times, placed)
+
+
 _POINT = [[0.0, 0.0, 0.0]]
 _SCALARS = Template(rr.Scalars.columns(scalars=[0.0]))
 _TRANSFORM = Template(rr.Transform3D.columns(translation=_POINT, quaternion=[[0.0, 0.0, 0.0, 1.0]]))
@@ -269,13 +286,10 @@ def _rgba32(rgba: Array) -> NDArray[np.uint32]:
 
 def still_life(header: Header, scene: Scene) -> Still:
     """All that never changes: texts, what is drawn in its frame, names and colours."""
-    r_m, scenario = scene.r_m, header.scenario
+    r_m = scene.r_m
     still: Still = [("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *still_frames(scene, layout.entity)]
     for name, text in (("scenario", header.scenario_yaml), ("world", header.world_xml)):
         still.append((f"/run/{name}", rr.TextDocument(text, media_type=rr.MediaType.TEXT)))
-    for entity, level in plots.levels(plots.everything(scenario, scene.paint)).items():
-        style = rr.SeriesLines(names=level.label, colors=[level.color], widths=[1.0])
-        still.append((entity, style))
     for subject, names in phases.NAMES.items():
         states = rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject))
         still.append((layout.phase_entity(subject), states))
@@ -297,12 +311,18 @@ def still_life(header: Header, scene: Scene) -> Still:
     return still
 
 
-def still_frames(scene: Scene, entity: Callable[[str], str]) -> Still:
-    """What is fixed to the frames of a scene, and the road; ``entity`` is where a frame's is."""
+def still_frames(scene: Scene, entity: Callable[[str], str], colored: bool = False) -> Still:
+    """What is fixed to the frames of a scene, and the road.
+
+    Args:
+        scene: the scene.
+        entity: where a frame's is.
+        colored: whether the discs are, too, once and for all.
+    """
     still = still_shapes(entity("road/"), scene.fixed)
     for frame in scene.frames:
-        disc = frame.neighbour is not None
-        still += still_shapes(entity(frame.name), frame.shapes, colored=not disc)
+        changes = frame.neighbour is not None and not colored
+        still += still_shapes(entity(frame.name), frame.shapes, colored=not changes)
         if frame.label:
             at = [(0.0, 0.0, scene.label_m)]
             label = rr.Points3D(at, labels=[frame.label], radii=0, colors=[(240, 240, 240)])

@@ -7,7 +7,8 @@ its ghost. Sizes come from the geometry and from r, so that every scale is drawn
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -88,6 +89,12 @@ class Frame:
     label: str = ""
     neighbour: int | None = None
 
+    def faded(self, alpha: float) -> Frame:
+        """The same as a ghost: seen through, and without what is a mark and no car."""
+        marks = self.neighbour is not None or self.name.startswith("law/")
+        shapes = () if marks else self.shapes
+        return replace(self, shapes=tuple(replace(s, rgba=np.array([*s.rgba[:3], alpha])) for s in shapes))
+
 
 class Scene:
     """The drawing of one world.
@@ -132,6 +139,12 @@ class Scene:
         for j, car in enumerate(CARS, start=-1):
             disc = () if j < 0 else (_disc(r_m),)
             yield Frame(f"axles/{car}", disc, car.replace("_", " "), None if j < 0 else j)
+
+    def showing(self, fixed: tuple[Shape, ...], frames: Iterable[Frame]) -> Scene:
+        """The same scene, drawn in another way."""
+        other = copy(self)
+        other.fixed, other.frames = fixed, tuple(frames)
+        return other
 
     def drawn(self, block: Block, control_step_s: float) -> NDArray[np.intp]:
         """Which ticks of a block are drawn, (D,)."""
