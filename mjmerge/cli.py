@@ -13,12 +13,16 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from mjmerge import share
 from mjmerge.errors import MjmergeError, OutputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from mjmerge.record import Header
+    from mjmerge.record.live import Live
 
 _BAD_INPUT = 2
 _PATIENCE_S = 1.0  # a run that takes longer gets a progress bar
@@ -37,7 +41,7 @@ class Run:
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
     """Seed of the first run; run i has seed + i."""
     runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1
-    """Number of simulations, each with its own seed; the worst one is recorded."""
+    """Number of simulations, each with its own seed; those worth a look are recorded."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Simulated time, in place of the scenario's."""
     set_: Annotated[
@@ -50,6 +54,12 @@ class Run:
     """Threads for the physics, 0 for all cores; does not change the result."""
     continuous: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Law and plant as one differential equation, solved to 1e-10; for the plants other than mujoco."""
+    live: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Show the run in a Rerun viewer while it goes on, in real time."""
+    live_at: Annotated[str | None, tyro.conf.arg(metavar="127.0.0.1:PORT")] = None
+    """Like --live, in a viewer that is open already."""
+    live_fast: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Like --live, as fast as possible."""
     record: bool = True
     """Write run.rrd, run.mcap and the rest of the run folder."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
@@ -231,8 +241,11 @@ def _run(args: Run) -> int:
             folder=folder,
             replace=args.out is None,
             record=args.record,
+            live=_live(args),
             progress=progress,
         )
+    if done.unseen_s:
+        print(f"mjmerge: the live view did not show {done.unseen_s:.1f} s of the run", file=sys.stderr)
     for failure in done.failures:
         print(f"mjmerge: recorder failed: {failure}", file=sys.stderr)
     if args.json:
@@ -251,6 +264,16 @@ def _run(args: Run) -> int:
         if args.record and not done.failures:
             console.print(f"look at it:  [bold]mjmerge view {folder}[/]", soft_wrap=True)
     return done.exit_code
+
+
+def _live(args: Run) -> Callable[[Header], Live] | None:
+    """What shows the run, if it is to be shown."""
+    if not (args.live or args.live_fast or args.live_at is not None):
+        return None
+    from mjmerge.record.live import Live, port_of
+
+    port = None if args.live_at is None else port_of(args.live_at)
+    return partial(Live, port=port, real_time=not args.live_fast)
 
 
 def _reproduce(args: Reproduce) -> int:

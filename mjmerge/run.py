@@ -27,6 +27,7 @@ from mjmerge.world import World, build
 
 if TYPE_CHECKING:
     from mjmerge.record.compare import Side
+    from mjmerge.record.live import Live
 
 FILES = (
     *FORMATS,
@@ -55,6 +56,7 @@ class Run:
         summary: what ``--json`` prints.
         failures: recorders that broke, a line each.
         replaced: whether an earlier run in the same folder made way.
+        unseen_s: simulated time that the live view did not show, s.
     """
 
     trace: Trace
@@ -62,6 +64,7 @@ class Run:
     summary: dict[str, Any]
     failures: list[str]
     replaced: bool
+    unseen_s: float = 0.0
 
     @property
     def exit_code(self) -> int:
@@ -82,6 +85,7 @@ def run(
     folder: Path | None = None,
     replace: bool = False,
     record: bool = True,
+    live: Callable[[Header], Live] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Runs a scenario and leaves a run folder.
@@ -99,6 +103,7 @@ def run(
         folder: where everything goes; ``None`` writes nothing.
         replace: whether an earlier run in that folder may make way.
         record: whether to write recordings.
+        live: shows the first simulation while it goes on.
         progress: called now and then with the simulated time, s.
 
     Raises:
@@ -110,7 +115,8 @@ def run(
 
         check(plant)
     replaced = prepare(folder, replace) if folder is not None else False
-    world = build(scenario) if plant == "mujoco" or (folder is not None and record) else None
+    shown = live is not None or (folder is not None and record)
+    world = build(scenario) if plant == "mujoco" or shown else None
     recording = None
     if folder is not None:
         (folder / "scenario.yaml").write_text(dump(scenario), encoding="utf-8")
@@ -120,8 +126,13 @@ def run(
             assert world is not None, "a recording shows the world"
             recording = Recording(folder, _header(scenario, plant, seed, world, continuous), FORMATS)
 
+    viewer = None
+    if live is not None:
+        assert world is not None, "a live view shows the world"
+        viewer = live(_header(scenario, plant, seed, world, continuous))
+
     began = time.perf_counter()
-    with recording or nullcontext():
+    with recording or nullcontext(), viewer or nullcontext():
         trace = simulate(
             scenario,
             plant,
@@ -130,6 +141,7 @@ def run(
             threads=threads,
             world=world,
             sink=recording,
+            live=viewer,
             progress=progress,
             continuous=continuous,
         )
@@ -137,8 +149,9 @@ def run(
         found = summary(trace, verdicts, time.perf_counter() - began)
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
-        if recording is not None:
-            recording.close(_outcome(trace, verdicts[0], found))
+        for receiver in (recording, viewer):
+            if receiver is not None:
+                receiver.close(_outcome(trace, verdicts[0], found))
     failures = recording.failures if recording is not None else []
 
     if folder is not None:
@@ -148,7 +161,8 @@ def run(
             failures = _record_selected(folder, trace, verdicts, world)
         figure(trace, folder / "figure.png", worst)
         (folder / "summary.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    return Run(trace, verdicts, found, failures, replaced)
+    unseen_s = 0.0 if viewer is None else viewer.dropped_s
+    return Run(trace, verdicts, found, failures, replaced, unseen_s)
 
 
 def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous: bool) -> Header:

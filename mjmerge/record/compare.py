@@ -21,14 +21,15 @@ from mjmerge.record import layout, plots
 from mjmerge.record.base import Header, Outcome, PosedBlock
 from mjmerge.record.plots import Color, Line, Plot
 from mjmerge.record.rerun import CHUNK_TICKS, send_frames, send_levels, send_numbers, still_frames
-from mjmerge.record.scene import Scene
+from mjmerge.record.scene import TARGET, Scene
 from mjmerge.trace import NEIGHBOURS
 
 APPLICATION = "mjmerge_compare"
 _PATIENCE_S = 30.0
 _GHOST_ALPHA = 0.35
 _PALE = 0.55
-"""How far the colours of a ghost's lines are towards white."""
+"""How far the colours of a ghost's lines are towards grey."""
+_GREY = 150
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class _Told:
         """Of one of its lines."""
         if self.solid:
             return color
-        r, g, b = (round(c + _PALE * (255 - c)) for c in color)
+        r, g, b = (round(c + _PALE * (_GREY - c)) for c in color)
         return r, g, b
 
 
@@ -118,14 +119,11 @@ def _twice(side: Side, sides: Sequence[Side]) -> bool:
 def _tell(stream: rr.RecordingStream, told: _Told) -> None:
     """Everything of one side."""
     scene, posed = told.scene, told.side.posed
-    labelled = [
-        replace(f, label=f"{f.label}, {told.side.label}" if f.label == "ego" else f.label * told.solid)
-        for f in scene.frames
-    ]
     if told.solid:
-        drawn = scene.showing(scene.fixed, labelled)
+        frames = [replace(f, shapes=()) if f.name == TARGET else f for f in scene.frames]
+        drawn = scene.showing(scene.fixed, frames)
     else:
-        drawn = scene.showing((), [f.faded(_GHOST_ALPHA) for f in labelled])
+        drawn = scene.showing((), [f.faded(_GHOST_ALPHA) for f in scene.frames])
     for entity, what in still_frames(drawn, told.entity, colored=True):
         stream.log(entity, what, static=True)
     send_frames(stream, scene, posed, told.entity)
@@ -192,7 +190,7 @@ def _report(sides: Sequence[Side]) -> str:
         rows.append((name, [_number(found.get(key), unit) for found in summaries]))
     head = ["| | " + " | ".join(side.label for side in sides) + " |", "|---|" + "---|" * len(sides)]
     body = [f"| {name} | " + " | ".join(words) + " |" for name, words in rows]
-    note = f"*{sides[-1].label}* is solid; the others are ghosts, and their lines are pale."
+    note = f"*{sides[-1].label}* is solid; the others are ghosts, and their lines are greyish."
     return "\n".join(["### " + " and ".join(side.label for side in sides), "", note, "", *head, *body])
 
 

@@ -44,13 +44,16 @@ def state_colors(subject: str) -> list[list[int]]:
     return colors[: len(NAMES[subject])]
 
 
-def blueprint(scenario: Scenario, paint: Mapping[str, Array], world: str = "/world") -> rrb.Blueprint:
+def blueprint(
+    scenario: Scenario, paint: Mapping[str, Array], world: str = "/world", *, live: bool = False
+) -> rrb.Blueprint:
     """The layout of one run.
 
     Args:
         scenario: the run's; cameras stand at distances that suit its safety margin.
         paint: colour of each car, 0 to 1.
         world: entity of what is drawn.
+        live: whether the time is that of the newest data.
     """
     return columns(
         rrb.Vertical(
@@ -72,14 +75,15 @@ def blueprint(scenario: Scenario, paint: Mapping[str, Array], world: str = "/wor
             rrb.StateTimelineView(name="Contract: the theorem's hypotheses", origin="/hypotheses"),
             row_shares=[8, 4, 13],
         ),
+        live=live,
     )
 
 
-def columns(*parts: rrb.Container) -> rrb.Blueprint:
+def columns(*parts: rrb.Container, live: bool = False) -> rrb.Blueprint:
     """A layout of columns: what is drawn, what is plotted, what is said."""
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[4, 3, 3][: len(parts)]),
-        rrb.TimePanel(timeline=SIM_TIME, state="collapsed"),
+        rrb.TimePanel(timeline=SIM_TIME, state="collapsed", play_state="following" if live else None),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_views=False,

@@ -21,6 +21,7 @@ from mjmerge.trace import Array, Block
 
 Kind = Literal["box", "ellipsoid", "cylinder", "capsule", "mesh"]
 _DRAWN_GROUPS = (0, 1, 2)
+TARGET, CAMERA = "law/target", "camera/ego"
 DRAWN_EVERY_S = 0.04
 """Poses are for the eye: this often, and as float32; the numbers are at every tick, as they are."""
 CLOSE = 0.5
@@ -90,10 +91,10 @@ class Frame:
     neighbour: int | None = None
 
     def faded(self, alpha: float) -> Frame:
-        """The same as a ghost: seen through, and without what is a mark and no car."""
-        marks = self.neighbour is not None or self.name.startswith("law/")
-        shapes = () if marks else self.shapes
-        return replace(self, shapes=tuple(replace(s, rgba=np.array([*s.rgba[:3], alpha])) for s in shapes))
+        """The same as a ghost: seen through, unlabelled, and without what is a mark and no car."""
+        shapes = () if self.neighbour is not None or self.name == TARGET else self.shapes
+        seen_through = tuple(replace(s, rgba=np.array([*s.rgba[:3], alpha])) for s in shapes)
+        return replace(self, shapes=seen_through, label="")
 
 
 class Scene:
@@ -132,7 +133,7 @@ class Scene:
             if model.geom_bodyid[g] == b
         )
         self.label_m = _height_m(data, model, drawn) + 0.15 * r_m
-        self.frames = (*bodies, *self._discs(r_m), Frame("law/target", ghost), Frame("camera/ego"))
+        self.frames = (*bodies, *self._discs(r_m), Frame(TARGET, ghost), Frame(CAMERA))
 
     def _discs(self, r_m: float) -> Iterator[Frame]:
         """The front axles, with the neighbours' discs."""
