@@ -26,8 +26,8 @@ HOST = "127.0.0.1"
 APPLICATION = "mjmerge_live"
 _BACKLOG_S = 30.0
 """Simulated time that may wait for the viewer."""
-_GRACE_S = 20.0
-"""Time the viewer gets at the end, at most, for what it has not had yet, s."""
+_GRACE_S = 8.0
+"""At the end, a viewer that takes nothing for so long has had its time, s."""
 _START_S, _KNOCK_S = 30.0, 2.0
 """Time a viewer gets to open, and to answer when it is said to be open, s."""
 _FLUSH_S = 3.0
@@ -82,11 +82,13 @@ class Live:
     def __exit__(self, *_: object) -> None:
         with contextlib.suppress(queue.Full):
             self._queue.put_nowait(None)
-        try:
-            self._process.wait(_GRACE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        waiting, deadline = self._queue.qsize(), time.monotonic() + _GRACE_S
+        while self._process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.05)
+            if self._queue.qsize() < waiting:
+                waiting, deadline = self._queue.qsize(), time.monotonic() + _GRACE_S
+        self._process.kill()
+        self._process.wait()
         while True:  # what is left was not shown
             try:
                 left = self._queue.get_nowait()

@@ -10,7 +10,7 @@ from mjmerge.record.base import Header, Outcome
 
 def unfinished(header: Header) -> str:
     """The report of a run that has not come to its end."""
-    note = "**This run did not finish**; what was recorded of it is here."
+    note = "**This run has not finished**: what there is of it so far is here."
     return f"{_title(header)}\n\n{note}\n\n{_origin(header)}"
 
 

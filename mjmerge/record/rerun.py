@@ -9,7 +9,10 @@ comes from and how it ended. The only time is simulated: ``sim_time``.
 from __future__ import annotations
 
 import json
+import shutil
+import struct
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,6 +22,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mjmerge import phases
+from mjmerge.errors import OutputError, RecordingError
 from mjmerge.metrics import Event
 from mjmerge.phases import Phase
 from mjmerge.record import arrow, layout, plots, report, schema
@@ -37,6 +41,9 @@ Still = list[tuple[str, rr.AsComponents]]
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _PATIENCE_S = 30.0
 """For writing to disk; without a limit, a write that failed would be waited for for ever."""
+_HEADER_BYTES, _MESSAGE, _END = 12, struct.Struct("<QQ"), 0
+"""Of an .rrd: its header; of a message: its kind and its length; the kind of the end mark."""
+_NO_QPOS = np.empty((0, 0))
 _DRAW_S = 5.0
 """What is drawn follows the numbers to disk with this delay: it can be made of them again."""
 CHUNK_TICKS = 4096
@@ -56,17 +63,15 @@ class RerunRecorder:
         self._blueprint = layout.blueprint(header.scenario, scene.paint)
         self._posed: list[PosedBlock] = []
         self._drawn = 0
-        self._journal = self._open(path)
-
-    def _open(self, path: Path) -> Teller:
         stream = rr.RecordingStream(APPLICATION, send_properties=False)
-        stream.save(path, default_blueprint=self._blueprint)
-        return self._teller(stream)
+        self._journal = Journal(path, stream)
+        stream.send_blueprint(self._blueprint, make_active=False)
+        self._told = self._teller(stream)
 
     def write(self, posed: PosedBlock) -> None:
         """Adds consecutive ticks, and puts them on disk."""
-        self._posed.append(posed)
-        self._journal.numbers(posed)
+        self._posed.append(replace(posed, block=replace(posed.block, qpos=_NO_QPOS)))
+        self._told.numbers(posed)
         if (len(self._posed) - self._drawn) * BLOCK_S >= _DRAW_S:
             self._draw()
         self._journal.flush()
@@ -74,13 +79,17 @@ class RerunRecorder:
     def _draw(self) -> None:
         """Adds what is drawn of the ticks that it has not been added of."""
         if self._drawn < len(self._posed):
-            self._journal.draw(join(self._posed[self._drawn :]))
+            self._told.draw(join(self._posed[self._drawn :]))
             self._drawn = len(self._posed)
 
     def close(self, outcome: Outcome) -> None:
         """Writes the file anew, with the events, the phases, the verdict and the summary."""
         path = self._path.with_name(self._path.name + WHOLE)
-        whole = self._open(path)
+        if shutil.disk_usage(path.parent).free < 2 * self._path.stat().st_size:
+            raise OutputError(f"the disk of {path.parent} is full")  # Rerun would wait for space for ever
+        stream = rr.RecordingStream(APPLICATION, send_properties=False)
+        stream.save(path, default_blueprint=self._blueprint)
+        whole = self._teller(stream)
         for posed in self._chunks():
             whole.numbers(posed)
             whole.draw(posed)
@@ -106,8 +115,44 @@ class RerunRecorder:
         """Completes the journal with what it has."""
         try:
             self._draw()
+            self._journal.flush()
         finally:
             self._journal.close()
+
+
+class Journal:
+    """What a stream is told, appended to a file: without a footer, readable at any time.
+
+    Rerun's own writer never comes back from a disk that is full; here that is an ordinary ``OSError``.
+    """
+
+    def __init__(self, path: Path, stream: rr.RecordingStream) -> None:
+        """Args: the file, which must not exist; the stream, which has not been told anything."""
+        if not stream.is_enabled():
+            raise RecordingError("nothing was written: RERUN=off in the environment")
+        self._bytes = rr.binary_stream(stream)
+        self._file = path.open("xb")
+
+    def flush(self) -> None:
+        """Puts what was told since on disk."""
+        data = self._bytes.read(flush_timeout_sec=_PATIENCE_S) or b""
+        self._file.write(data[_HEADER_BYTES if self._file.tell() else 0 : _end_of_messages(data)])
+        self._file.flush()
+
+    def close(self) -> None:
+        """Completes the file with what it has."""
+        self._file.close()
+
+
+def _end_of_messages(data: bytes) -> int:
+    """Where the end mark is of what Rerun gives out: a header, messages, that mark, a footer."""
+    at = _HEADER_BYTES
+    while at + _MESSAGE.size <= len(data):
+        kind, length = _MESSAGE.unpack_from(data, at)
+        if kind == _END:
+            break
+        at += _MESSAGE.size + length
+    return at
 
 
 class Teller:
