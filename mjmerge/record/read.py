@@ -381,8 +381,7 @@ def whole_frames(path: Path) -> Iterator[tuple[Path, bool, str]]:
             file.seek(0)
             with copy.open("wb") as out:
                 left = at
-                while left:
-                    part = file.read(min(left, 2**20))
+                while part := file.read(min(left, 2**20)):
                     out.write(part)
                     left -= len(part)
             yield copy, False, f"it ends within a frame, {size - at} bytes after the last whole one"
