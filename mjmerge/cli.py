@@ -6,6 +6,7 @@ import json
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -395,8 +396,15 @@ def _view(args: View) -> int:
         raise UnknownNameError(
             "recording", str(args.run), [str(p.parent) for p in Path("runs").glob("*/run.rrd")]
         )
-    viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(file)]
-    code = subprocess.run(viewer, check=False).returncode
+    with tempfile.TemporaryDirectory() as folder:
+        shown = file
+        if file.suffix == ".mcap":
+            from mjmerge.record.mcap_view import write_view
+
+            shown = Path(folder) / "mcap.rrd"
+            write_view(file, shown)
+        viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(shown)]
+        code = subprocess.run(viewer, check=False).returncode
     if code:
         print(
             "mjmerge: the Rerun viewer needs a display; without one, open the recording on another machine "

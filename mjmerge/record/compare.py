@@ -159,10 +159,8 @@ def _blueprint(told: Sequence[_Told]) -> rrb.Blueprint:
     distance, clearance, opinion, *busy = (layout.plot_view(p) for p in _plots(told))
     return layout.columns(
         rrb.Vertical(
-            rrb.Tabs(
-                *(layout.world_view(n, scenario, "/world", camera) for n in ("Chase", "3D")), active_tab=0
-            ),
-            layout.world_view("From above", scenario, "/world", camera),
+            rrb.Tabs(*(layout.world_view(n, scenario, camera) for n in ("Chase", "3D")), active_tab=0),
+            layout.world_view("From above", scenario, camera),
             row_shares=[3, 2],
         ),
         rrb.Vertical(distance, opinion, rrb.Tabs(clearance, *busy, active_tab=0)),

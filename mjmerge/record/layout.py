@@ -16,8 +16,8 @@ from mjmerge.record.plots import Line, Plot
 from mjmerge.scenario import Scenario
 from mjmerge.trace import Array
 
-SIM_TIME = "sim_time"
-"""Timeline of our own files, and of an MCAP: simulated time."""
+SIM_TIME, MCAP_TIME = "sim_time", "message_log_time"
+"""Simulated time in our own files, and in an MCAP as Rerun reads it."""
 _TRAIL_S = 4.0
 _DECISION_COLORS = [[110, 110, 120], [90, 130, 220], [80, 190, 120]]
 _STATE_COLORS = [[60, 110, 75], [235, 140, 50], [220, 50, 50]]
@@ -45,20 +45,20 @@ def state_colors(subject: str) -> list[list[int]]:
 
 
 def blueprint(
-    scenario: Scenario, paint: Mapping[str, Array], world: str = "/world", *, live: bool = False
+    scenario: Scenario, paint: Mapping[str, Array], *, timeline: str = SIM_TIME, live: bool = False
 ) -> rrb.Blueprint:
     """The layout of one run.
 
     Args:
         scenario: the run's; cameras stand at distances that suit its safety margin.
         paint: colour of each car, 0 to 1.
-        world: entity of what is drawn.
+        timeline: ``SIM_TIME``, or ``MCAP_TIME`` for what Rerun has read itself.
         live: whether the time is that of the newest data.
     """
     return columns(
         rrb.Vertical(
-            rrb.Tabs(*(world_view(n, scenario, world) for n in ("Chase", "3D")), active_tab=0),
-            world_view("From above", scenario, world),
+            rrb.Tabs(*(world_view(n, scenario) for n in ("Chase", "3D")), active_tab=0),
+            world_view("From above", scenario),
             row_shares=[3, 2],
         ),
         rrb.Vertical(
@@ -68,29 +68,30 @@ def blueprint(
         rrb.Vertical(
             rrb.Tabs(
                 rrb.TextDocumentView(name="Report", origin="/run/report"),
-                rrb.TextLogView(name="Events", origin="/events"),
+                rrb.TextLogView(name="Events", origin="/events" if timeline == SIM_TIME else "/log"),
                 rrb.TextDocumentView(name="Scenario", origin="/run/scenario"),
             ),
             rrb.StateTimelineView(name="Phases", origin="/phases"),
             rrb.StateTimelineView(name="Contract: the theorem's hypotheses", origin="/hypotheses"),
             row_shares=[8, 4, 13],
         ),
+        timeline=timeline,
         live=live,
     )
 
 
-def columns(*parts: rrb.Container, live: bool = False) -> rrb.Blueprint:
+def columns(*parts: rrb.Container, timeline: str = SIM_TIME, live: bool = False) -> rrb.Blueprint:
     """A layout of columns: what is drawn, what is plotted, what is said."""
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[4, 3, 3][: len(parts)]),
-        rrb.TimePanel(timeline=SIM_TIME, state="collapsed", play_state="following" if live else None),
+        rrb.TimePanel(timeline=timeline, state="collapsed", play_state="following" if live else None),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_views=False,
     )
 
 
-def world_view(name: str, scenario: Scenario, world: str, camera: str = "camera/ego") -> rrb.Spatial3DView:
+def world_view(name: str, scenario: Scenario, camera: str = "camera/ego") -> rrb.Spatial3DView:
     """``Chase``, ``3D`` or ``From above``: goes along the road with a camera, some safety margins away."""
     eye, up = {
         "Chase": ((-5.0, 0.0, 3.0), (0, 0, 1)),
@@ -106,8 +107,8 @@ def world_view(name: str, scenario: Scenario, world: str, camera: str = "camera/
     )
     return rrb.Spatial3DView(
         name=name,
-        origin=f"{world}/{camera}",
-        contents=f"{world}/**",
+        origin=f"/world/{camera}",
+        contents="/world/**",
         background=rrb.Background(color=_BACKGROUND),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
@@ -116,7 +117,7 @@ def world_view(name: str, scenario: Scenario, world: str, camera: str = "camera/
             look_target=(0.0, middle_m, 0.0),
             eye_up=up,
         ),
-        overrides={f"{world}/trails": rrb.VisibleTimeRanges([trail])},
+        overrides={"/world/trails": rrb.VisibleTimeRanges([trail])},
     )
 
 

@@ -38,6 +38,13 @@ def finished(header: Header, outcome: Outcome) -> str:
     )
 
 
+def of(title: str, found: Mapping[str, Any] | None, verdict: str | None) -> str:
+    """The report of a run that was read from a file."""
+    found = found or {}
+    head = [f"### {title}", "", f"**Verdict: {verdict or 'none, the run has not finished'}**", ""]
+    return "\n".join([*head, *_table(_main(found)), "", LEGEND, "", *_table(_flat(found))])
+
+
 LEGEND = (
     "The ego's front axle must stay out of the discs, which have the radius r: *pale*, *yellow* where d_j is "
     "less than r/2, *red* where it is inside. The *ghost* is where the nominal law wants the ego. Arrows at "

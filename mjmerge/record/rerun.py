@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import shutil
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from mjmerge import phases
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.metrics import Event
-from mjmerge.phases import Phase
 from mjmerge.record import arrow, layout, plots, report, schema
 from mjmerge.record.arrow import Template
 from mjmerge.record.base import WHOLE, Header, Outcome, PosedBlock, join, nanoseconds
@@ -128,7 +127,7 @@ class Journal:
 
     def __init__(self, path: Path, stream: rr.RecordingStream) -> None:
         """Args: the file, which must not exist; the stream, which has not been told anything."""
-        if not stream.is_enabled():
+        if not rr.is_enabled(stream):
             raise RecordingError("nothing was written: RERUN=off in the environment")
         self._bytes = rr.binary_stream(stream)
         self._file = path.open("xb")
@@ -197,27 +196,14 @@ class Teller:
         send_levels(self._stream, self._plots, posed.time_ns[[0, -1]])
         if not len(posed.drawn):
             return
-        times = _times(posed.time_ns[posed.drawn])
+        times = times_of(posed.time_ns[posed.drawn])
         columns = {name: values[posed.drawn] for name, values in posed.block.columns.items()}
         send_frames(self._stream, self._scene, posed, layout.entity)
-        self._discs(posed, columns["distance_m"])
+        near = closeness(columns["distance_m"], self._scene.r_m)
+        send_discs(self._stream, self._scene, posed.time_ns[posed.drawn], near, self._near)
+        self._near = near[-1]
         self._trails(times, columns["front_m"])
-        self._arrows(times, columns)
-
-    def _discs(self, posed: PosedBlock, distance_m: Array) -> None:
-        """Sends the colours of the discs where they change."""
-        near = closeness(distance_m, self._scene.r_m)
-        for frame in self._scene.frames:
-            j = frame.neighbour
-            if j is None:
-                continue
-            changes = np.flatnonzero(np.diff(near[:, j], prepend=self._near[j]))
-            self._near[j] = near[-1, j]
-            if len(changes):
-                at = posed.drawn[changes]
-                colors = _rgba32(DISC_RGBA[near[changes, j]])[:, None]
-                entity = f"{layout.entity(frame.name)}/cylinder"
-                self._send(entity, _times(posed.time_ns[at]), _CYLINDER_COLOR.fill(colors))
+        send_arrows(self._stream, self._scene, times, columns)
 
     def _trails(self, times: list[rr.TimeColumn], front_m: Array) -> None:
         """Sends each tick's bit of the front axles' paths; the view shows the last few seconds of them."""
@@ -229,14 +215,6 @@ class Teller:
         bits = np.stack([path[:-1], path[1:]], axis=2)
         self._send("/world/trails", times, _STRIP.fill(bits))
 
-    def _arrows(self, times: list[rr.TimeColumn], columns: dict[str, Array]) -> None:
-        """Sends the parts of the ego's command, at its front axle, above its roof."""
-        u_mps2 = {"u_n": columns["u_n_mps2"], "u_c": columns["u_c_mps2"], "u": columns["u_mps2"][:, 0]}
-        for name, u in u_mps2.items():
-            vectors = np.zeros((len(u), 1, 3))
-            vectors[:, 0, :2] = np.nan_to_num(u * (_ARROW_R * self._scene.r_m), posinf=0, neginf=0)
-            self._send(_arrow_entity(name), times, _ARROW.fill(vectors))
-
     def end(self, outcome: Outcome) -> None:
         """Adds the events, the phases, the verdict and the summary."""
         events = outcome.events or [Event(0.0, "info", "", "nothing to report")]  # the view wants an entity
@@ -245,8 +223,9 @@ class Teller:
             text=[f"{e.car}: {e.text}" if e.car else e.text for e in events],
             level=[_LEVELS[e.level] for e in events],
         )
-        self._send("/events", _times(at), rows)
-        self._states(outcome.phases)
+        self._send("/events", times_of(at), rows)
+        said = [(int(nanoseconds(p.time_s)), p.subject, p.state) for p in outcome.phases]
+        send_states(self._stream, said)
         about: dict[str, Any] = {
             "verdict": outcome.verdict,
             "summary": json.dumps(outcome.summary),
@@ -254,16 +233,6 @@ class Teller:
         }
         self._stream.send_property("outcome", rr.AnyValues(**about))
         self._text("/run/report", report.finished(self._header, outcome), rr.MediaType.MARKDOWN)
-
-    def _states(self, found: Sequence[Phase]) -> None:
-        """Sends each subject's changes of state."""
-        for subject in phases.NAMES:
-            mine = [p for p in found if p.subject == subject]
-            if mine:
-                at = nanoseconds([p.time_s for p in mine])
-                states = ["" if p.state == phases.ENDED else p.state for p in mine]
-                changes = rr.StateChange.columns(state=states)
-                self._send(layout.phase_entity(subject), _times(at), changes)
 
     def flush(self, patience_s: float = _PATIENCE_S) -> None:
         """Puts all that was told where it goes."""
@@ -283,7 +252,7 @@ class Teller:
 
 def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, root: str = "") -> None:
     """Sends every column at consecutive ticks; ``root`` is where the topics go."""
-    times = _times(posed.time_ns)
+    times = times_of(posed.time_ns)
     law: Any = arrow.structs(schema.LAW_MESSAGE, schema.law_rows(posed.block))
     stream.send_columns(root + schema.LAW_TOPIC, times, law)
     for car in CARS:
@@ -291,23 +260,110 @@ def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, root: str = "") 
         stream.send_columns(root + schema.car_topic(car), times, state)
 
 
-def send_levels(stream: rr.RecordingStream, which: Sequence[Plot], time_ns: NDArray[np.int64]) -> None:
+def send_levels(
+    stream: rr.RecordingStream,
+    which: Sequence[Plot],
+    time_ns: NDArray[np.int64],
+    timeline: str = layout.SIM_TIME,
+) -> None:
     """Sends what plots are read against, at some times."""
     for entity, level in plots.levels(which).items():
         style = rr.SeriesLines(names=level.label, colors=[level.color], widths=[1.0])
         stream.log(entity, style, static=True)
         scalars: Any = _SCALARS.fill(np.full((len(time_ns), 1), level.value))
-        stream.send_columns(entity, _times(time_ns), scalars)
+        stream.send_columns(entity, times_of(time_ns, timeline), scalars)
 
 
 def send_frames(
     stream: rr.RecordingStream, scene: Scene, posed: PosedBlock, entity: Callable[[str], str]
 ) -> None:
     """Sends where the frames of a scene were; ``entity`` is where a frame's is."""
-    times, quat = _times(posed.time_ns[posed.drawn]), np.roll(posed.quat, -1, axis=-1)  # x y z w
+    times, quat = times_of(posed.time_ns[posed.drawn]), np.roll(posed.quat, -1, axis=-1)  # x y z w
     for f, frame in enumerate(scene.frames):
         placed: Any = _TRANSFORM.fill(posed.pos_m[:, f, None], quat[:, f, None])
         stream.send_columns(entity(frame.name), times, placed)
+
+
+def send_discs(
+    stream: rr.RecordingStream,
+    scene: Scene,
+    time_ns: NDArray[np.int64],
+    near: NDArray[np.int64],
+    before: NDArray[np.int64],
+    timeline: str = layout.SIM_TIME,
+) -> None:
+    """Sends the colours of the discs where they change.
+
+    Args:
+        stream: where to.
+        scene: whose discs.
+        time_ns: times, ns, (D,).
+        near: how close the ego is then, see ``closeness``, (D, 2).
+        before: how close it was before, (2,).
+        timeline: of the times.
+    """
+    for frame in scene.frames:
+        j = frame.neighbour
+        if j is None:
+            continue
+        changes = np.flatnonzero(np.diff(near[:, j], prepend=before[j]))
+        if len(changes):
+            colors: Any = _CYLINDER_COLOR.fill(_rgba32(DISC_RGBA[near[changes, j]])[:, None])
+            stream.send_columns(
+                f"{layout.entity(frame.name)}/cylinder", times_of(time_ns[changes], timeline), colors
+            )
+
+
+def send_arrows(
+    stream: rr.RecordingStream, scene: Scene, times: list[rr.TimeColumn], columns: Mapping[str, Array]
+) -> None:
+    """Sends the parts of the ego's command, at its front axle, above its roof."""
+    u_mps2 = {"u_n": columns["u_n_mps2"], "u_c": columns["u_c_mps2"], "u": columns["u_mps2"][:, 0]}
+    for name, u in u_mps2.items():
+        vectors = np.zeros((len(u), 1, 3))
+        vectors[:, 0, :2] = np.nan_to_num(u * (_ARROW_R * scene.r_m), posinf=0, neginf=0)
+        told: Any = _ARROW.fill(vectors)
+        stream.send_columns(_arrow_entity(name), times, told)
+
+
+def send_states(
+    stream: rr.RecordingStream, changes: Sequence[tuple[int, str, str]], timeline: str = layout.SIM_TIME
+) -> None:
+    """Sends changes of state: time in ns, subject, state."""
+    for subject in phases.NAMES:
+        mine = [(at, state) for at, about, state in changes if about == subject]
+        if mine:
+            at = np.array([at for at, _ in mine], np.int64)
+            states = rr.StateChange.columns(state=["" if s == phases.ENDED else s for _, s in mine])
+            stream.send_columns(layout.phase_entity(subject), times_of(at, timeline), states)
+
+
+def still_states() -> Still:
+    """How states are called and coloured."""
+    return [
+        (
+            layout.phase_entity(subject),
+            rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject)),
+        )
+        for subject, names in phases.NAMES.items()
+    ]
+
+
+def still_arrows(scene: Scene) -> Still:
+    """How the parts of the ego's command look."""
+    return [
+        (
+            _arrow_entity(name),
+            rr.Arrows3D.from_fields(
+                origins=[(0, 0, scene.label_m)],
+                colors=[color],
+                radii=[_ARROW_RADIUS_R * scene.r_m],
+                labels=[name],
+                show_labels=False,
+            ),
+        )
+        for name, color in plots.COMMANDS.items()
+    ]
 
 
 _POINT = [[0.0, 0.0, 0.0]]
@@ -318,8 +374,9 @@ _ARROW = Template(rr.Arrows3D.columns(vectors=_POINT))
 _CYLINDER_COLOR = Template(rr.Cylinders3D.columns(colors=[0]))
 
 
-def _times(time_ns: NDArray[np.int64]) -> list[rr.TimeColumn]:
-    return [rr.TimeColumn(layout.SIM_TIME, duration=time_ns.astype("timedelta64[ns]"))]
+def times_of(time_ns: NDArray[np.int64], timeline: str = layout.SIM_TIME) -> list[rr.TimeColumn]:
+    """Times, ns, (B,), as Rerun wants them."""
+    return [rr.TimeColumn(timeline, duration=time_ns.astype("timedelta64[ns]"))]
 
 
 def _rgba32(rgba: Array) -> NDArray[np.uint32]:
@@ -335,25 +392,9 @@ def still_life(header: Header, scene: Scene) -> Still:
     still: Still = [("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *still_frames(scene, layout.entity)]
     for name, text in (("scenario", header.scenario_yaml), ("world", header.world_xml)):
         still.append((f"/run/{name}", rr.TextDocument(text, media_type=rr.MediaType.TEXT)))
-    for subject, names in phases.NAMES.items():
-        states = rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject))
-        still.append((layout.phase_entity(subject), states))
     colors = [scene.paint[car] for car in CARS]
     still.append(("/world/trails", rr.LineStrips3D.from_fields(colors=colors, radii=[_TRAIL_R * r_m])))
-    for name, color in plots.COMMANDS.items():
-        still.append(
-            (
-                _arrow_entity(name),
-                rr.Arrows3D.from_fields(
-                    origins=[(0, 0, scene.label_m)],
-                    colors=[color],
-                    radii=[_ARROW_RADIUS_R * r_m],
-                    labels=[name],
-                    show_labels=False,
-                ),
-            )
-        )
-    return still
+    return [*still, *still_arrows(scene), *still_states()]
 
 
 def still_frames(scene: Scene, entity: Callable[[str], str], colored: bool = False) -> Still:
@@ -386,7 +427,7 @@ def still_shapes(entity: str, shapes: tuple[Shape, ...], colored: bool = True) -
         if some:
             still.append((f"{entity}/{kind}", _archetype(kind, some, colored)))
     for i, mesh in enumerate(s for s in shapes if s.kind == "mesh"):
-        placed = rr.Transform3D(translation=mesh.pos_m, quaternion=rr.Quaternion(xyzw=np.roll(mesh.quat, -1)))
+        placed = rr.InstancePoses3D(translations=[mesh.pos_m], quaternions=[np.roll(mesh.quat, -1)])
         drawn = rr.Mesh3D(
             vertex_positions=mesh.vertices_m, triangle_indices=mesh.triangles, albedo_factor=mesh.rgba
         )
