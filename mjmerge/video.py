@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from fractions import Fraction
@@ -33,7 +34,7 @@ Camera = Literal["chase", "overhead"]
 Picture = NDArray[np.uint8]
 
 _BACKENDS = ("egl", "osmesa")
-_NO_BACKEND, _FAILED = 4, 5  # exit codes of the process that draws
+_FAILED = 4  # exit code of the process that draws
 _ADVICE = """\
 cannot draw off-screen here: neither EGL nor OSMesa works. Install one of them:
   Debian, Ubuntu:  apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri   (or: libosmesa6)
@@ -91,12 +92,12 @@ def video(
     def write(partial: Path) -> None:
         nonlocal used
         for backend in order:
-            code, said = _draw_elsewhere(backend, recording, partial, options, progress)
-            if code == 0:
+            trouble = _draw_elsewhere(backend, recording, partial, options, progress)
+            if trouble is None:
                 used = backend
                 return
-            if code != _NO_BACKEND:
-                raise MjmergeError(f"the video was not made: {said}")
+            if trouble:
+                raise MjmergeError(f"the video was not made: {trouble}")
         raise MjmergeError(_ADVICE)
 
     try:
@@ -113,38 +114,48 @@ def _draw_elsewhere(
     out: Path,
     options: Options,
     progress: Callable[[float], None] | None,
-) -> tuple[int, str]:
-    """Draws in a process of its own; returns its exit code and the last line of what it complained of."""
+) -> str | None:
+    """Draws in a process of its own.
+
+    Returns:
+        ``None`` when it is done; what went wrong; nothing at all (``""``) if it could not even begin to draw.
+    """
     command = [sys.executable, "-m", "mjmerge.video", str(recording), str(out)]
     command += [str(value) for value in asdict(options).values()]
     environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
-    with subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    began = False
+    with (
+        tempfile.TemporaryFile("w+") as complaints,
+        subprocess.Popen(
+            command, env=environment, stdout=subprocess.PIPE, stderr=complaints, text=True
+        ) as process,
+    ):
         assert process.stdout is not None
-        assert process.stderr is not None
         try:
             for line in process.stdout:
+                began = True
                 if progress is not None:
                     progress(float(line))
-            said = process.stderr.read().strip()
         except BaseException:
             process.terminate()
             raise
-    return process.returncode, said.splitlines()[-1] if said else f"exit code {process.returncode}"
+        process.wait()
+        complaints.seek(0)
+        said = complaints.read().strip()
+    if process.returncode == 0:
+        return None
+    return (said or f"exit code {process.returncode}").splitlines()[-1] if began else ""
 
 
 def main(arguments: list[str]) -> int:
     """The process that draws: the part done, line by line, on standard output."""
     recording, out, camera, fps, speed = arguments
     options = Options(cast("Camera", camera), int(fps), float(speed))
-    try:
-        import mujoco
+    import mujoco
 
-        mujoco.GLContext(16, 16).make_current()
-    except Exception as error:  # whatever a missing library leads to
-        sys.stderr.write(f"{error}\n")
-        return _NO_BACKEND
+    mujoco.GLContext(16, 16).make_current()  # fails, here or on import, where a library is missing
+    sys.stdout.write("0.0\n")
+    sys.stdout.flush()
     try:
         for done in render(Path(recording), Path(out), options):
             sys.stdout.write(f"{done}\n")

