@@ -26,7 +26,7 @@ DRAWN_EVERY_S = 0.04
 """Poses are for the eye: this often, and as float32; the numbers are at every tick, as they are."""
 CLOSE = 0.5
 """A neighbour is close when d_j is less than this part of r."""
-DISC_RGBA = np.array([[0.75, 0.85, 0.95, 0.22], [1.0, 0.82, 0.1, 0.45], [1.0, 0.1, 0.15, 0.55]])
+DISC_RGBA = np.array([[0.75, 0.85, 0.95, 0.22], [1.0, 0.82, 0.1, 0.32], [1.0, 0.1, 0.15, 0.45]])
 """Colour of a disc: clear of it, close, inside."""
 _GHOST_ALPHA = 0.25
 _UNBOUNDED_M = 500.0
