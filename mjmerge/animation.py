@@ -42,9 +42,9 @@ def frames(trace: Trace, at: Sequence[int]) -> Iterator[Image]:
     canvas = FigureCanvasAgg(figure)
     road, opinion, distance = (figure.add_axes(place) for place in _PANELS)
     moving, place = _road(road, trace)
-    for axes, drawn in ((opinion, _opinion), (distance, _distance)):
+    for axes, drawn in ((opinion, draw_opinion), (distance, draw_distance)):
         dots, move = drawn(axes, trace)
-        moving, place = moving + dots, _both(place, move)
+        moving, place = moving + dots, both(place, move)
 
     for artist in moving:
         artist.set_animated(True)
@@ -91,7 +91,9 @@ def animate(trace: Trace, path: Path, progress: Callable[[float], None] | None =
 Move = Callable[[int], None]
 
 
-def _both(first: Move, second: Move) -> Move:
+def both(first: Move, second: Move) -> Move:
+    """One after the other."""
+
     def move(tick: int) -> None:
         first(tick)
         second(tick)
@@ -155,14 +157,16 @@ def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
     return [dashes, way, *discs, *bodies, axles, *names, title], place
 
 
-def _opinion(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
+def draw_opinion(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
+    """Opinion over time, pale; what moves over it, and what moves that to a tick."""
     axes.plot(trace.time_s, trace.opinion[0], color=OPINION, alpha=0.3)
     axes.set_ylabel("opinion $z$")
     axes.tick_params(labelbottom=False)
     return _dots(axes, trace.time_s, trace.opinion[0][:, None], [OPINION])
 
 
-def _distance(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
+def draw_distance(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
+    """Both distances over time, likewise."""
     colours = [COLOURS[car] for car in NEIGHBOURS]
     for j, colour in enumerate(colours):
         axes.plot(trace.time_s, trace.distance_m[0, :, j], color=colour, alpha=0.3, label=f"$d_{j + 1}$")

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,12 +15,16 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from mjmerge import share
 from mjmerge.errors import MjmergeError, OutputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from mjmerge.record import Header
+    from mjmerge.record.live import Live
 
 _BAD_INPUT = 2
 _PATIENCE_S = 1.0  # a run that takes longer gets a progress bar
@@ -38,7 +43,7 @@ class Run:
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
     """Seed of the first run; run i has seed + i."""
     runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1
-    """Number of simulations, each with its own seed; the worst one is recorded."""
+    """Number of simulations, each with its own seed; those worth a look are recorded."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Simulated time, in place of the scenario's."""
     set_: Annotated[
@@ -51,6 +56,12 @@ class Run:
     """Threads for the physics, 0 for all cores; does not change the result."""
     continuous: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Law and plant as one differential equation, solved to 1e-10; for the plants other than mujoco."""
+    live: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Show the run in a Rerun viewer while it goes on, in real time."""
+    live_at: Annotated[str | None, tyro.conf.arg(metavar="127.0.0.1:PORT")] = None
+    """Like --live, in a viewer that is open already."""
+    live_fast: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Like --live, as fast as possible."""
     record: bool = True
     """Write run.rrd, run.mcap and the rest of the run folder."""
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
@@ -181,6 +192,82 @@ class View:
 
 
 @dataclass(frozen=True)
+class Verify:
+    """Check a recording with nothing but the file. Exit code 0: right; 1: something wrong; 2: unreadable."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Run a recording's scenario again and compare bit for bit. Exit code 0: same; 1: not; 2: unreadable."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Threads for the physics, 0 for all cores; does not change the result."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Show two recordings side by side: a table, figure.png, and compare.rrd with both in one scene."""
+
+    a: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, or a run folder."""
+    b: Annotated[Path, tyro.conf.Positional]
+    """Another."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for figure and recording; by default compared, where an earlier one makes way."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+
+@dataclass(frozen=True)
+class Video:
+    """Make an mp4 of a recording: the cars drawn by MuJoCo, opinion and distances beside them."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    camera: Literal["chase", "overhead"] = "chase"
+    """From behind the ego, or from above."""
+    speed: Annotated[float, tyro.conf.arg(metavar="FACTOR")] = 1.0
+    """Simulated seconds per second of the video."""
+    fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
+    """Pictures per second."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; by default beside the recording, with the ending .mp4."""
+
+
+@dataclass(frozen=True)
+class Recover:
+    """Rewrite the recording of a run that was killed as a whole file; the old one stays."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """An unfinished .mcap or .rrd file (*.partial), or a run folder."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; by default run.recovered.mcap or run.recovered.rrd beside the old one."""
+
+
+@dataclass(frozen=True)
+class Convert:
+    """Write a recording as a table, a row per tick, units in the column names."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    csv: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Write CSV."""
+    parquet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Write Parquet."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; by default beside the recording, with the ending .csv or .parquet."""
+
+
+@dataclass(frozen=True)
 class Export:
     """Print the composed MJCF world of a scenario, or write it to a file."""
 
@@ -232,8 +319,11 @@ def _run(args: Run) -> int:
             folder=folder,
             replace=args.out is None,
             record=args.record,
+            live=_live(args),
             progress=progress,
         )
+    if done.unseen_s:
+        print(f"mjmerge: the live view did not show {done.unseen_s:.1f} s of the run", file=sys.stderr)
     for failure in done.failures:
         print(f"mjmerge: recorder failed: {failure}", file=sys.stderr)
     if args.json:
@@ -252,6 +342,16 @@ def _run(args: Run) -> int:
         if args.record and not done.failures:
             console.print(f"look at it:  [bold]mjmerge view {folder}[/]", soft_wrap=True)
     return done.exit_code
+
+
+def _live(args: Run) -> Callable[[Header], Live] | None:
+    """What shows the run, if it is to be shown."""
+    if not (args.live or args.live_fast or args.live_at is not None):
+        return None
+    from mjmerge.record.live import Live, port_of
+
+    port = None if args.live_at is None else port_of(args.live_at)
+    return partial(Live, port=port, real_time=not args.live_fast)
 
 
 def _reproduce(args: Reproduce) -> int:
@@ -583,8 +683,15 @@ def _view(args: View) -> int:
         raise UnknownNameError(
             "recording", str(args.run), [str(p.parent) for p in Path("runs").glob("*/run.rrd")]
         )
-    viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(file)]
-    code = subprocess.run(viewer, check=False).returncode
+    with tempfile.TemporaryDirectory() as folder:
+        shown = file
+        if file.suffix == ".mcap":
+            from mjmerge.record.mcap_view import write_view
+
+            shown = Path(folder) / "mcap.rrd"
+            write_view(file, shown)
+        viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(shown)]
+        code = subprocess.run(viewer, check=False).returncode
     if code:
         print(
             "mjmerge: the Rerun viewer needs a display; without one, open the recording on another machine "
@@ -592,6 +699,112 @@ def _view(args: View) -> int:
             file=sys.stderr,
         )
         return 3
+    return 0
+
+
+def _verify(args: Verify) -> int:
+    from rich.console import Console
+
+    from mjmerge.record.read import recording
+    from mjmerge.record.verify import table, verify
+
+    found = verify(recording(args.file))
+    if args.json:
+        print(json.dumps(found.as_dict()))
+    else:
+        console = Console(highlight=False)
+        console.print(f"[bold]{found.recorded.path}[/]", soft_wrap=True)
+        console.print(table(found))
+    return 0 if found.right else 1
+
+
+def _replay(args: Replay) -> int:
+    from rich.console import Console
+
+    from mjmerge.record.read import recording
+    from mjmerge.record.replay import replay
+
+    if args.threads < 0:
+        raise MjmergeError(f"--threads is {args.threads}; it must be at least 0")
+    path = recording(args.file)
+    with _progress(1.0, "replaying") as progress:
+        done = replay(path, args.threads, progress)
+    if args.json:
+        print(json.dumps(done.as_dict()))
+    else:
+        console = Console(highlight=False, soft_wrap=True)
+        console.print(f"[bold]{path}[/]")
+        for line in done.lines():
+            console.print(line, markup=False)
+    return 0 if done.same else 1
+
+
+def _compare(args: Compare) -> int:
+    from rich.console import Console
+
+    from mjmerge.compare import Side, as_dict, figure, identical, recording_of_both, table
+    from mjmerge.record.read import read, recording
+    from mjmerge.run import prepare
+
+    a, b = (Side.of(read(recording(path))) for path in (args.a, args.b))
+    folder = args.out or Path("compared")
+    prepare(folder, args.out is None, ("figure.png", "compare.rrd"))
+    figure(a, b, folder / "figure.png")
+    recording_of_both(a, b, folder / "compare.rrd")
+    if args.json:
+        print(json.dumps(as_dict(a, b)))
+        return 0
+    console = Console(highlight=False)
+    for side, name in ((a, "A"), (b, "B")):
+        console.print(f"[bold]{name}[/]  {side.recorded.path}", soft_wrap=True)
+    console.print(table(a, b))
+    if identical(a.recorded, b.recorded):
+        console.print("every column is the same, bit for bit")
+    console.print(f"figure and both cars in one scene:  [bold]{folder}[/]", soft_wrap=True)
+    return 0
+
+
+def _video(args: Video) -> int:
+    from mjmerge.record.read import recording
+    from mjmerge.video import Options, video
+
+    if not 0 < args.speed < float("inf") or not 1 <= args.fps <= 240:
+        raise MjmergeError("--speed must be positive and finite, --fps from 1 to 240")
+    path = recording(args.file)
+    out = args.out or (path.with_suffix("") if path.suffix == ".partial" else path).with_suffix(".mp4")
+    with _progress(1.0, "drawing") as progress:
+        backend = video(path, out, Options(args.camera, args.fps, args.speed), progress)
+    print(f"{out} (drawn with {backend})")
+    return 0
+
+
+def _recover(args: Recover) -> int:
+    from mjmerge.record.read import recording
+    from mjmerge.record.recover import recover, recovered_name
+
+    path = recording(args.file)
+    out = args.out or recovered_name(path)
+    found = recover(path, out)
+    print(f"{out}: {len(found.ticks)} ticks, up to {found.last_s:.2f} s")
+    return 0
+
+
+def _convert(args: Convert) -> int:
+    from mjmerge.record.convert import to_csv, to_parquet
+    from mjmerge.record.read import read, recording
+
+    if not args.csv and not args.parquet:
+        raise MjmergeError("say what to write: --csv, --parquet or both")
+    if args.csv and args.parquet and args.out is not None:
+        raise MjmergeError("--out names one file: with it, choose either --csv or --parquet")
+    path = recording(args.file)
+    found = read(path)
+    beside = path.with_suffix("") if path.suffix == ".partial" else path
+    for wanted, ending, write in ((args.csv, ".csv", to_csv), (args.parquet, ".parquet", to_parquet)):
+        if wanted:
+            out = args.out or beside.with_suffix(ending)
+            write(found, out)
+            print(out)
     return 0
 
 
@@ -630,6 +843,12 @@ _COMMANDS: dict[type, Callable[..., int]] = {
     Identify: _identify,
     List: _list,
     View: _view,
+    Verify: _verify,
+    Replay: _replay,
+    Compare: _compare,
+    Video: _video,
+    Recover: _recover,
+    Convert: _convert,
     Export: _export,
     Schema: _schema,
 }
@@ -654,6 +873,12 @@ def main(argv: list[str] | None = None) -> None:
         | Annotated[Identify, tyro.conf.subcommand("identify")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[View, tyro.conf.subcommand("view")]
+        | Annotated[Verify, tyro.conf.subcommand("verify")]
+        | Annotated[Replay, tyro.conf.subcommand("replay")]
+        | Annotated[Compare, tyro.conf.subcommand("compare")]
+        | Annotated[Video, tyro.conf.subcommand("video")]
+        | Annotated[Recover, tyro.conf.subcommand("recover")]
+        | Annotated[Convert, tyro.conf.subcommand("convert")]
         | Annotated[Export, tyro.conf.subcommand("export")]
         | Annotated[Schema, tyro.conf.subcommand("schema")],
         prog="mjmerge",

@@ -80,3 +80,10 @@ class OutputError(MjmergeError):
 
 class RecordingError(MjmergeError):
     """A recorder that failed while the simulation went on."""
+
+
+class UnreadableError(MjmergeError):
+    """A file that is no recording, or of which nothing can be read."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(f"cannot read {path}: {why}")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjmerge.bifurcation import Branches
-from mjmerge.metrics import INTENT
+from mjmerge.metrics import INTENT, shared_ticks
 from mjmerge.scenario import CARS
 from mjmerge.state import Array
 from mjmerge.trace import NEIGHBOURS, Trace
@@ -48,13 +48,14 @@ def sheet(heights: Sequence[float], height_in: float, columns: int = 1) -> tuple
     return figure, axes[0] if columns > 1 else axes[:, 0]
 
 
-def save(figure: Figure, path: Path) -> None:
-    """As PNG or PDF by the path's ending; the same figure gives the same bytes, whenever."""
+def save(figure: Figure, path: Path, ending: str = "") -> None:
+    """As PNG or PDF, by the path's ending unless given; the same figure gives the same bytes, whenever."""
     nothing = {
         ".png": {"Software": None},
         ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     }
-    figure.savefig(path, dpi=_DPI, metadata=nothing[path.suffix])
+    ending = ending or path.suffix
+    figure.savefig(path, dpi=_DPI, metadata=nothing[ending], format=ending[1:])
 
 
 def save_columns(columns: Mapping[str, Array], path: Path) -> None:
@@ -145,6 +146,31 @@ def distances(trace: Trace, ideal: Trace | None = None) -> Figure:
         _difference(panels[1], t, lines, "$\\Delta d_j$", 1e3, "mm")
     panels[-1].set_xlabel("time $t$ (s)")
     top.legend(loc="upper right", frameon=False, ncols=1 if ideal is None else 2)
+    return figure
+
+
+def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
+    """Opinion, lateral position and distances of two runs, the first broad and pale, and how they differ."""
+    figure, (opinion, lateral, distance, apart) = sheet((2, 2, 3, 1.5), 9.6)
+    in_a, in_b = shared_ticks(a, b)
+    style: tuple[dict[str, Any], ...] = (_PALE, {})
+    for trace, label, how in zip((a, b), labels, style, strict=True):
+        opinion.plot(trace.time_s, trace.opinion[0], color=OPINION, label=label, **how)
+        lateral.plot(trace.time_s, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], label=label, **how)
+    for trace, how in zip((a, b), style, strict=True):
+        for j, car in enumerate(NEIGHBOURS):
+            name = f"$d_{j + 1}$ to {_name(car)}" if trace is b else None
+            distance.plot(trace.time_s, trace.distance_m[0, :, j], color=COLOURS[car], label=name, **how)
+    opinion.set_ylabel("opinion $z$")
+    lateral.set_ylabel("ego's $\\eta^\\top p$ (m)")
+    distance.set_ylabel("distance $d_j$ (m)")
+    distance.axhline(0, color=LINE, linewidth=1)
+    off = b.distance_m[0, in_b] - a.distance_m[0, in_a]
+    lines = {f"$d_{j + 1}$": (off[:, j], COLOURS[car]) for j, car in enumerate(NEIGHBOURS)}
+    _difference(apart, a.time_s[in_a], lines, "$\\Delta d_j$", 1e3, "mm")
+    apart.set_xlabel("time $t$ (s)")
+    for axes in (opinion, distance):
+        axes.legend(loc="upper right", frameon=False)
     return figure
 
 

@@ -50,6 +50,13 @@ def merged_at_s(trace: Trace) -> Array:
     return np.where(merged, trace.time_s[np.minimum(last_out + 1, out.shape[1] - 1)], np.nan)
 
 
+def shared_ticks(a: Trace, b: Trace) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Ticks of one trace and of the other that are at the same times, each (T,)."""
+    ns_a, ns_b = (np.rint(trace.time_s * 1e9).astype(np.int64) for trace in (a, b))
+    in_a = np.flatnonzero(np.isin(ns_a, ns_b))
+    return in_a, np.searchsorted(ns_b, ns_a[in_a])
+
+
 def saturated(trace: Trace) -> Mask:
     """Whether a car was asked for more than it could do, (N, T, C); false where the plant has no limits."""
     return (np.abs(trace.torque_clipped_n_m) > 1e-9) | (np.abs(trace.steer_clipped_rad) > 1e-9)

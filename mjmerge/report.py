@@ -79,7 +79,13 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
         "hypotheses": dict.fromkeys(HYPOTHESES) | {b.hypothesis: b.time_s for b in verdicts[run].breaches},
         "decision": decision(trace)[run].as_dict(),
         "stops": [
-            {"seed": int(trace.seeds[s.run]), "time_s": s.time_s, "car": s.car, "reason": s.reason}
+            {
+                "seed": int(trace.seeds[s.run]),
+                "time_s": s.time_s,
+                "car": s.car,
+                "reason": s.reason,
+                "touched": s.touched,
+            }
             for s in trace.stops
         ],
         "duration_s": _number(max(ends)),
@@ -98,15 +104,19 @@ def _number(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
+def metres(value: float | None) -> str:
+    """A length in words; a dash for none."""
+    return "-" if value is None else f"{value:.3f} m"
+
+
+def seconds(value: float | None) -> str:
+    """A time in words; a dash for none."""
+    return "-" if value is None else f"{value:.2f} s"
+
+
 def table(found: dict[str, Any]) -> Table:
     """The summary as a table for the terminal."""
     from rich.table import Table
-
-    def metres(value: float | None) -> str:
-        return "-" if value is None else f"{value:.3f} m"
-
-    def seconds(value: float | None) -> str:
-        return "-" if value is None else f"{value:.2f} s"
 
     good = found["floor_held"]
     grid = Table(show_header=False, box=None, pad_edge=False)

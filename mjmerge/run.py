@@ -4,29 +4,49 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from mjmerge import share
 from mjmerge.acceptance import Acceptance, acceptance
 from mjmerge.contract import Verdict, judge
-from mjmerge.errors import OutputError
+from mjmerge.errors import MjmergeError, OutputError
 from mjmerge.loader import dump
 from mjmerge.metrics import events
 from mjmerge.phases import phases
 from mjmerge.plant import check
-from mjmerge.record import FORMATS, Header, Outcome, Recording, versions
+from mjmerge.record import ENDINGS, FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
 from mjmerge.report import figure, summary, worst_run
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.simulate import simulate
 from mjmerge.trace import Trace
 from mjmerge.world import World, build
 
-FILES = (*FORMATS, "scenario.yaml", "world.xml", "summary.json", "figure.png")
+if TYPE_CHECKING:
+    from mjmerge.record.compare import Side
+    from mjmerge.record.live import Live
+
+FILES = (
+    *FORMATS,
+    "median.rrd",
+    "violation-*.rrd",
+    "compare.rrd",
+    "scenario.yaml",
+    "world.xml",
+    "summary.json",
+    "figure.png",
+)
 """What a run folder may hold; ``summary.json`` is written last and marks it as complete."""
+_MOST_VIOLATIONS = 3
+"""Runs that broke the floor, besides the worst, that are recorded."""
+IDEAL = "double_integrator"
+"""What is simulated beside the worst run."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +59,7 @@ class Run:
         summary: what ``--json`` prints.
         failures: recorders that broke, a line each.
         replaced: whether an earlier run in the same folder made way.
+        unseen_s: simulated time that the live view did not show, s.
     """
 
     trace: Trace
@@ -46,6 +67,7 @@ class Run:
     summary: dict[str, Any]
     failures: list[str]
     replaced: bool
+    unseen_s: float = 0.0
 
     @property
     def exit_code(self) -> int:
@@ -66,9 +88,13 @@ def run(
     folder: Path | None = None,
     replace: bool = False,
     record: bool = True,
+    live: Callable[[Header], Live] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
-    """Runs a scenario and leaves a run folder; of several simulations, the worst is recorded.
+    """Runs a scenario and leaves a run folder.
+
+    Of several simulations, the worst is recorded in both formats; for Rerun also the median, up to three more
+    that broke the floor, and the worst beside the ideal of the same seed.
 
     Args:
         scenario: what to run.
@@ -80,6 +106,7 @@ def run(
         folder: where everything goes; ``None`` writes nothing.
         replace: whether an earlier run in that folder may make way.
         record: whether to write recordings.
+        live: shows the first simulation while it goes on.
         progress: called now and then with the simulated time, s.
 
     Raises:
@@ -92,7 +119,8 @@ def run(
         from mjmerge.continuous import check as check_continuous  # scipy takes its time to import
 
         check_continuous(plant)
-    world = build(scenario) if plant == "mujoco" or (folder is not None and record) else None
+    shown = live is not None or (folder is not None and record)
+    world = build(scenario) if plant == "mujoco" or shown else None
     replaced = prepare(folder, replace) if folder is not None else False
     recording = None
     if folder is not None:
@@ -100,10 +128,16 @@ def run(
         if plant == "mujoco" and world is not None:
             (folder / "world.xml").write_text(world.xml, encoding="utf-8")
         if record and runs == 1:
-            recording = _recording(folder, scenario, plant, seed, world, continuous)
+            assert world is not None, "a recording shows the world"
+            recording = Recording(folder, _header(scenario, plant, seed, world, continuous), FORMATS)
+
+    viewer = None
+    if live is not None:
+        assert world is not None, "a live view shows the world"
+        viewer = live(_header(scenario, plant, seed, world, continuous))
 
     began = time.perf_counter()
-    with recording or nullcontext():
+    with recording or nullcontext(), viewer or nullcontext():
         trace = simulate(
             scenario,
             plant,
@@ -112,6 +146,7 @@ def run(
             threads=threads,
             world=world,
             sink=recording,
+            live=viewer,
             progress=progress,
             continuous=continuous,
         )
@@ -120,17 +155,20 @@ def run(
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
         found |= _on_cars(found["verdict_reason"], _accepted(scenario, plant))
-        if recording is not None:
-            recording.close(_outcome(trace, verdicts[0], found))
+        for receiver in (recording, viewer):
+            if receiver is not None:
+                receiver.close(_outcome(trace, verdicts[0], found))
     failures = recording.failures if recording is not None else []
 
     if folder is not None:
         worst = worst_run(trace)
         if record and runs > 1:
-            failures = _record_again(folder, trace, worst, world)
+            assert world is not None, "a recording shows the world"
+            failures = _record_selected(folder, trace, verdicts, world)
         figure(trace, folder / "figure.png", worst)
         (folder / "summary.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    return Run(trace, verdicts, found, failures, replaced)
+    unseen_s = 0.0 if viewer is None else viewer.dropped_s
+    return Run(trace, verdicts, found, failures, replaced, unseen_s)
 
 
 def _accepted(scenario: Scenario, plant: str) -> list[Acceptance]:
@@ -150,11 +188,8 @@ def _on_cars(reason: str, cars: Sequence[Acceptance]) -> dict[str, Any]:
     return {"verdict_reason": "; but ".join([reason, *doubts]), "acceptance": _provenance(cars)}
 
 
-def _recording(
-    folder: Path, scenario: Scenario, plant: str, seed: int, world: World | None, continuous: bool
-) -> Recording:
-    assert world is not None, "a recording shows the world"
-    header = Header(
+def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous: bool) -> Header:
+    return Header(
         scenario=scenario,
         scenario_yaml=dump(scenario),
         plant=plant,
@@ -166,13 +201,42 @@ def _recording(
         continuous=continuous,
         acceptance=_provenance(_accepted(scenario, plant)),
     )
-    return Recording(folder, header, FORMATS)
 
 
-def _record_again(folder: Path, trace: Trace, run: int, world: World | None) -> list[str]:
-    """Records one simulation of many by running it again alone: the same seed gives the same bits."""
+def selected(trace: Trace, verdicts: Sequence[Verdict]) -> dict[str, int]:
+    """Which of many simulations are recorded: name of the recording, without ending, to simulation."""
+    worst = worst_run(trace)
+    least = np.nan_to_num(trace.min_distance_m.min(axis=1), nan=-np.inf)
+    order = np.argsort(least, kind="stable")
+    found = {"run": worst, "median": int(order[(len(order) - 1) // 2])}
+    violations = [int(i) for i in order if not verdicts[i].floor_held and i not in found.values()]
+    return found | {f"violation-{trace.seeds[i]}": i for i in violations[:_MOST_VIOLATIONS]}
+
+
+def _record_selected(folder: Path, trace: Trace, verdicts: Sequence[Verdict], world: World) -> list[str]:
+    """Records some simulations of many by running each again alone: the same seed gives the same bits."""
+    failures: list[str] = []
+    for name, run in selected(trace, verdicts).items():
+        formats = FORMATS if name == "run" else {f"{name}.rrd": open_rrd}
+        failures += _record_again(folder, trace, run, world, formats)
+    if trace.plant != IDEAL:
+        from mjmerge.record.compare import write_comparison  # Rerun takes its time to import
+
+        seed = int(trace.seeds[worst_run(trace)])
+        try:
+            sides = [_side(trace, plant, seed, world) for plant in (IDEAL, trace.plant)]
+            write_comparison(folder / "compare.rrd", sides)
+        except (MjmergeError, OSError) as error:
+            failures.append(f"compare.rrd: {error}")
+    return failures
+
+
+def _record_again(
+    folder: Path, trace: Trace, run: int, world: World, formats: Mapping[str, Factory]
+) -> list[str]:
     scenario, seed = trace.scenario, int(trace.seeds[run])
-    with _recording(folder, scenario, trace.plant, seed, world, trace.continuous) as recording:
+    header = _header(scenario, trace.plant, seed, world, trace.continuous)
+    with Recording(folder, header, formats) as recording:
         alone = simulate(
             scenario, trace.plant, seed=seed, world=world, sink=recording, continuous=trace.continuous
         )
@@ -181,6 +245,20 @@ def _record_again(folder: Path, trace: Trace, run: int, world: World | None) -> 
         found |= _on_cars(found["verdict_reason"], _accepted(scenario, trace.plant))
         recording.close(_outcome(alone, verdict, found))
     return recording.failures
+
+
+def _side(trace: Trace, plant: str, seed: int, world: World) -> Side:
+    """One simulation, as a side of a comparison."""
+    from mjmerge.record.compare import Side
+
+    scenario = trace.scenario
+    continuous = trace.continuous and plant != "mujoco"
+    header = _header(scenario, plant, seed, world, continuous)
+    keep = Keep(header)
+    alone = simulate(scenario, plant, seed=seed, world=world, sink=keep, continuous=continuous)
+    (verdict,) = judge(alone)
+    outcome = _outcome(alone, verdict, summary(alone, [verdict], 1.0))
+    return Side("ideal" if plant == IDEAL else plant, header, keep.posed(), outcome)
 
 
 def _outcome(trace: Trace, verdict: Verdict, found: dict[str, Any]) -> Outcome:
@@ -196,7 +274,7 @@ def prepare(folder: Path, replace: bool, files: Collection[str] = FILES) -> bool
     Args:
         folder: where it is to be.
         replace: whether they may.
-        files: what they may be called.
+        files: what they may be called; ``*`` stands for anything.
 
     Raises:
         OutputError: it is no folder, cannot be written, or holds something that may not go.
@@ -204,7 +282,7 @@ def prepare(folder: Path, replace: bool, files: Collection[str] = FILES) -> bool
     try:
         folder.mkdir(parents=True, exist_ok=True)
         there = {p.name for p in folder.iterdir()}
-        ours = {name for f in files for name in (f, f"{f}.partial")}
+        ours = {n for n in there for f in files for end in ENDINGS if fnmatchcase(n, f + end)}
         if there and not replace:
             raise OutputError(f"{folder} is not empty, and nothing is overwritten: choose another --out")
         if there - ours:

@@ -33,6 +33,7 @@ def simulate(
     threads: int = 0,
     world: World | None = None,
     sink: Sink | None = None,
+    live: Sink | None = None,
     progress: Callable[[float], None] | None = None,
     continuous: bool = False,
     cases: Sequence[Case] | None = None,
@@ -47,6 +48,7 @@ def simulate(
         threads: threads for the physics, 0 for all cores; does not change the result.
         world: the scenario's world, where it is built already.
         sink: gets simulation 0 in blocks while it runs.
+        live: likewise, in smaller blocks.
         progress: called now and then with the simulated time, s.
         continuous: in continuous time, to the accuracy of ``mjmerge.continuous``: no command is held. For the
             two ideal plants.
@@ -65,7 +67,7 @@ def simulate(
         cases = [(seed + i, scenario.mismatch) for i in range(runs)]
     mismatch = tuple(m for _, m in cases)
     seeds, runs = np.array([s for s, _ in cases], dtype=np.int64), len(cases)
-    if world is None and (plant == "mujoco" or sink is not None):
+    if world is None and (plant == "mujoco" or sink is not None or live is not None):
         world = build(scenario, mismatch)
     law, h = scenario.law, scenario.control_step_s
     drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
@@ -75,7 +77,7 @@ def simulate(
     believed = BelievedCars.of(believed_sheets(scenario), limited=moving.limited)
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
-    log = Log(scenario, plant, seeds, mismatch, sink, continuous=continuous)
+    log = Log(scenario, plant, seeds, mismatch, sink, live, continuous=continuous)
     opinion = advance
     if continuous:
         from mjmerge.continuous import solve  # scipy takes its time to import

@@ -18,8 +18,10 @@ from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Mask
 
 Array = NDArray[np.float64]
-BLOCK_TICKS = 500
-"""Ticks that reach a sink at once: what a crash can lose, at most."""
+BLOCK_S = 0.5
+"""Simulated time that reaches the recorders at once: what a crash can lose, at most, s."""
+GLIMPSE_S = 0.1
+"""The same for whoever watches a run live, s."""
 
 XY = ("x", "y")
 NEIGHBOURS = CARS[1:]
@@ -188,8 +190,37 @@ class Sink(Protocol):
         """Takes the next ticks of simulation 0."""
 
 
+class _Feed:
+    """Hands simulation 0 to a sink, some ticks at a time."""
+
+    def __init__(self, sink: Sink, ticks: int) -> None:
+        self._sink, self._ticks = sink, ticks
+        self._qpos: list[Array] = []
+
+    def add(self, qpos: Array) -> bool:
+        """Takes the next tick's positions; says whether it is time to flush."""
+        self._qpos.append(qpos)
+        return len(self._qpos) >= self._ticks
+
+    def flush(self, time_s: Array, columns: Mapping[str, Array], end: int) -> None:
+        """Hands over what the sink has not had yet, up to tick ``end``."""
+        if not self._qpos:
+            return
+        part = slice(end - len(self._qpos), end)
+        qpos = np.stack(self._qpos)
+        self._qpos.clear()
+        self._sink.write(
+            Block(
+                ticks=np.arange(part.start, part.stop),
+                time_s=time_s[part],
+                columns={name: values[0, part] for name, values in columns.items()},
+                qpos=qpos,
+            )
+        )
+
+
 class Log:
-    """The trace while it is being written; hands simulation 0 to a sink, block by block."""
+    """The trace while it is being written; hands simulation 0 to its sinks, block by block."""
 
     def __init__(
         self,
@@ -198,15 +229,19 @@ class Log:
         seeds: NDArray[np.int64],
         mismatch: tuple[Mismatch, ...],
         sink: Sink | None = None,
+        live: Sink | None = None,
         *,
         continuous: bool = False,
     ) -> None:
-        self._scenario, self._plant, self._seeds, self._sink = scenario, plant, seeds, sink
+        self._scenario, self._plant, self._seeds = scenario, plant, seeds
         self._mismatch, self._continuous = mismatch, continuous
         self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
         self.columns = {c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan) for c in COLUMNS}
         self._stops: list[Stop] = []
-        self._qpos: list[Array] = []
+        sinks = ((sink, BLOCK_S), (live, GLIMPSE_S))
+        self._feeds = [
+            _Feed(to, block_ticks(scenario.control_step_s, s)) for to, s in sinks if to is not None
+        ]
         self._ticks = 0
 
     def write(self, row: Mapping[str, Array], running: Mask, qpos: Callable[[], Array]) -> None:
@@ -224,25 +259,16 @@ class Log:
             else:
                 self.columns[name][running, k] = value[running]
         self._ticks = k + 1
-        if self._sink is not None and running[0]:
-            self._qpos.append(qpos().copy())
-            if len(self._qpos) == BLOCK_TICKS:
-                self.flush()
+        if self._feeds and running[0]:
+            now = qpos().copy()
+            for feed in self._feeds:
+                if feed.add(now):
+                    feed.flush(self.time_s, self.columns, self._ticks)
 
     def flush(self) -> None:
-        """Hands the sink what it has not had yet."""
-        if self._sink is None or not self._qpos:
-            return
-        part = slice(self._ticks - len(self._qpos), self._ticks)
-        self._sink.write(
-            Block(
-                ticks=np.arange(part.start, part.stop),
-                time_s=self.time_s[part],
-                columns={name: values[0, part] for name, values in self.columns.items()},
-                qpos=np.stack(self._qpos),
-            )
-        )
-        self._qpos.clear()
+        """Hands the sinks what they have not had yet."""
+        for feed in self._feeds:
+            feed.flush(self.time_s, self.columns, self._ticks)
 
     def stop(self, stop: Stop) -> None:
         """A simulation ends here, before its time."""
@@ -263,3 +289,8 @@ class Log:
             time_s=self.time_s,
             **self.columns,
         )
+
+
+def block_ticks(control_step_s: float, block_s: float = BLOCK_S) -> int:
+    """Ticks in a block: as many as span no more than its time, at least one."""
+    return max(1, int(block_s / control_step_s + 1e-9))

@@ -15,15 +15,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from mjmerge.metrics import Event
-from mjmerge.record.base import Factory, Header, Outcome, PosedBlock, Recorder, Recording
+from mjmerge.record.base import ENDINGS, Factory, Header, Keep, Outcome, PosedBlock, Recorder, Recording
 from mjmerge.record.manifest import git_revision, versions
 from mjmerge.record.scene import Scene
 
 __all__ = [
+    "ENDINGS",
     "FORMATS",
     "Event",
     "Factory",
     "Header",
+    "Keep",
     "Outcome",
     "PosedBlock",
     "Recorder",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.metrics import Event
 from mjmerge.phases import Phase
+from mjmerge.record.digest import Digest
 from mjmerge.record.scene import Scene
 from mjmerge.scenario import Scenario
 from mjmerge.trace import Array, Block
@@ -22,6 +23,9 @@ from mjmerge.trace import Array, Block
 if TYPE_CHECKING:
     import mujoco
 
+PARTIAL, WHOLE = ".partial", ".whole"
+"""Endings of a file that is not complete, and of what is about to take its place."""
+ENDINGS = ("", PARTIAL, PARTIAL + WHOLE)
 _SPARE_BYTES = 32 * 2**20
 """Recorders stop before the disk is full: a writer that hits its end can hang for good."""
 
@@ -64,29 +68,78 @@ class Outcome:
         verdict: the contract's word for it.
         summary: what ``summary.json`` holds.
         phases: every change of state, subject by subject.
+        digests: fingerprint of every column; :class:`Recording` fills it in.
     """
 
     events: Sequence[Event]
     verdict: str
     summary: Mapping[str, Any]
     phases: Sequence[Phase] = ()
+    digests: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class PosedBlock:
-    """A block of consecutive ticks, and where everything that is drawn was.
+    """A block of consecutive ticks, and where everything that is drawn was at some of them.
 
     Attributes:
         block: the ticks and their columns.
         time_ns: simulated time from the tick index, ns, (B,).
-        pos_m: origins of ``Scene.frames`` in the world, m, (B, F, 3).
-        quat: their orientations, w x y z, (B, F, 4).
+        drawn: which ticks of the block are drawn, (D,).
+        pos_m: origins of ``Scene.frames`` in the world, m, (D, F, 3).
+        quat: their orientations, w x y z, (D, F, 4).
     """
 
     block: Block
     time_ns: NDArray[np.int64]
+    drawn: NDArray[np.intp]
     pos_m: Array
     quat: Array
+
+
+def pose(block: Block, scene: Scene, control_step_s: float) -> PosedBlock:
+    """A block with what is drawn of it."""
+    drawn = scene.drawn(block, control_step_s)
+    time_ns = nanoseconds(block.ticks * control_step_s)
+    return PosedBlock(block, time_ns, drawn, *scene.poses(block, drawn))
+
+
+def join(parts: Sequence[PosedBlock]) -> PosedBlock:
+    """Consecutive blocks as one; without ``qpos``, which nobody needs any more."""
+    starts = np.cumsum([0, *(len(p.time_ns) for p in parts[:-1])])
+    block = Block(
+        ticks=np.concatenate([p.block.ticks for p in parts]),
+        time_s=np.concatenate([p.block.time_s for p in parts]),
+        columns={
+            name: np.concatenate([p.block.columns[name] for p in parts]) for name in parts[0].block.columns
+        },
+        qpos=np.empty((sum(len(p.time_ns) for p in parts), 0)),
+    )
+    return PosedBlock(
+        block,
+        np.concatenate([p.time_ns for p in parts]),
+        np.concatenate([start + p.drawn for start, p in zip(starts, parts, strict=True)]),
+        np.concatenate([p.pos_m for p in parts]),
+        np.concatenate([p.quat for p in parts]),
+    )
+
+
+class Keep:
+    """A sink that keeps a run, with what is drawn of it."""
+
+    def __init__(self, header: Header) -> None:
+        """Args: what is known of the run."""
+        self._scene = Scene(header.model, header.scenario.law.r_m)
+        self._step_s = header.control_step_s
+        self._parts: list[PosedBlock] = []
+
+    def write(self, block: Block) -> None:
+        """Takes the next ticks."""
+        self._parts.append(pose(block, self._scene, self._step_s))
+
+    def posed(self) -> PosedBlock:
+        """All there was."""
+        return join(self._parts)
 
 
 class Recorder(Protocol):
@@ -127,6 +180,7 @@ class Recording:
         self._header = header
         self._factories = factories
         self._scene = Scene(header.model, header.scenario.law.r_m)
+        self._digest = Digest()
         self._live: dict[str, Recorder] = {}
         self._failed: dict[str, str] = {}
 
@@ -144,13 +198,14 @@ class Recording:
         """Hands a block to every recorder that is still well."""
         if not self._live:
             return
-        pos_m, quat = self._scene.poses(block)
-        posed = PosedBlock(block, nanoseconds(block.ticks * self._header.control_step_s), pos_m, quat)
+        self._digest.add(block)
+        posed = pose(block, self._scene, self._header.control_step_s)
         for name, recorder in list(self._live.items()):
             self._attempt(name, self._write, recorder, posed)
 
     def close(self, outcome: Outcome) -> None:
         """Completes every file that is still well and gives it its name."""
+        outcome = replace(outcome, digests=self._digest.hex())
         for name, recorder in list(self._live.items()):
             self._attempt(name, self._finish, name, recorder, outcome)
         self._live.clear()
@@ -162,7 +217,7 @@ class Recording:
             self._drop(name)
 
     def _partial(self, name: str) -> Path:
-        return self._folder / f"{name}.partial"
+        return self._folder / f"{name}{PARTIAL}"
 
     def _open(self, name: str, factory: Factory) -> None:
         for path in (self._folder / name, self._partial(name)):

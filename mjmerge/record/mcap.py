@@ -1,13 +1,14 @@
 """``run.mcap``: the archive. Foxglove's messages for what it can draw, ours for what we measured.
 
-Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/tf``, ``/scene`` (once, at t = 0), ``/log``, and
-``/phases`` (Log: ``name`` is in the state ``message`` from here on). All times are simulated, so that equal
-runs give equal bytes. A block is one chunk and is on disk once written.
+Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/tf``, ``/scene`` (at t = 0, and where a disc
+changes its colour), ``/log``, and ``/phases`` (Log: ``name`` is in the state ``message`` from here on). All
+times are simulated, so that equal runs give equal bytes. A block is one chunk and is on disk once written.
 """
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import foxglove
@@ -15,13 +16,15 @@ import numpy as np
 from foxglove import messages as fox
 from foxglove.channels import LogChannel, SceneUpdateChannel
 from foxglove.mcap import MCAPWriteOptions
+from numpy.typing import NDArray
 
-from mjmerge.record import schema
+from mjmerge.record import foxglove_layout, schema
 from mjmerge.record.base import Header, Outcome, PosedBlock, nanoseconds
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
-from mjmerge.record.scene import Frame, Scene, Shape
+from mjmerge.record.scene import DISC_RGBA, Frame, Scene, Shape, closeness
 from mjmerge.record.wire import Layout
 from mjmerge.scenario import CARS
+from mjmerge.trace import Array
 
 WORLD = "world"
 _CHUNK_BYTES = 256 * 1024
@@ -56,21 +59,41 @@ class McapRecorder:
         run = {key: str(about[key]) for key in ("scenario", "description", "plant", "seed", "control_step_s")}
         self._writer.write_metadata("mjmerge", {"schema_version": str(SCHEMA_VERSION)} | run | CONVENTIONS)
         self._writer.write_metadata("versions", dict(header.versions))
-        SceneUpdateChannel("/scene", context=self._context).log(_scene_update(scene), log_time=0)
+        self._attach("foxglove.json", "application/json", foxglove_layout.text(header.scenario, scene.paint))
+        self._drawing, self._near = scene, [0, 0]
+        self._scene = SceneUpdateChannel("/scene", context=self._context)
+        self._scene.log(_scene_update(scene), log_time=0)
 
     def write(self, posed: PosedBlock) -> None:
         """Adds consecutive ticks, and puts them on disk."""
-        count = len(posed.time_ns)
+        self._discs(posed)
         poses = np.concatenate([posed.pos_m, np.roll(posed.quat, -1, axis=-1)], axis=-1)  # x y z w
-        rows = {"/tf": poses.reshape(count, -1), schema.LAW_TOPIC: schema.law_rows(posed.block)}
-        rows |= {schema.car_topic(car): schema.car_rows(posed.block, car) for car in CARS}
-        encoded = [
-            (self._channels[t], self._layouts[t].encode(values, posed.time_ns)) for t, values in rows.items()
-        ]
-        for k, time_ns in enumerate(posed.time_ns.tolist()):
-            for channel, data in encoded:
-                channel.log(data[k], log_time=time_ns)
+        self._send("/tf", poses.reshape(len(poses), 7 * poses.shape[1]), posed.time_ns[posed.drawn])
+        self._send(schema.LAW_TOPIC, schema.law_rows(posed.block), posed.time_ns)
+        for car in CARS:
+            self._send(schema.car_topic(car), schema.car_rows(posed.block, car), posed.time_ns)
         self._writer.flush()
+
+    def _send(self, topic: str, rows: Array, time_ns: NDArray[np.int64]) -> None:
+        """A message per row; one topic after the other compresses better than tick by tick."""
+        log = self._channels[topic].log
+        for data, at in zip(self._layouts[topic].encode(rows, time_ns), time_ns.tolist(), strict=True):
+            log(data, log_time=at)
+
+    def _discs(self, posed: PosedBlock) -> None:
+        """Draws a disc anew where its colour changes."""
+        near = closeness(posed.block.columns["distance_m"][posed.drawn], self._drawing.r_m)
+        for frame in self._drawing.frames:
+            if frame.neighbour is None:
+                continue
+            now = near[:, frame.neighbour]
+            for k in np.flatnonzero(np.diff(now, prepend=self._near[frame.neighbour])):
+                shapes = tuple(replace(s, rgba=DISC_RGBA[now[k]]) for s in frame.shapes)
+                drawn = _entity(replace(frame, shapes=shapes), self._drawing.label_m)
+                at = int(posed.time_ns[posed.drawn[k]])
+                self._scene.log(fox.SceneUpdate(entities=[drawn]), log_time=at)
+            if len(now):
+                self._near[frame.neighbour] = int(now[-1])
 
     def close(self, outcome: Outcome) -> None:
         """Adds the events, the phases, the verdict and the summary, and completes the file."""
@@ -81,6 +104,7 @@ class McapRecorder:
             log = _log_message(phase.time_s, fox.LogLevel.Info, phase.subject, phase.state)
             self._phases.log(log, log_time=int(nanoseconds(phase.time_s)))
         self._writer.write_metadata("outcome", {"verdict": outcome.verdict})
+        self._writer.write_metadata("sha256", dict(outcome.digests))
         self._attach("summary.json", "application/json", json.dumps(outcome.summary, indent=2))
         self._writer.close()
 

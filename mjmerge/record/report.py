@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from mjmerge.record.base import Header, Outcome
@@ -10,29 +10,70 @@ from mjmerge.record.base import Header, Outcome
 
 def unfinished(header: Header) -> str:
     """The report of a run that has not come to its end."""
-    note = "**This run did not finish**; what was recorded of it is here."
+    note = "**This run has not finished**: what there is of it so far is here."
     return f"{_title(header)}\n\n{note}\n\n{_origin(header)}"
 
 
 def finished(header: Header, outcome: Outcome) -> str:
-    """The report of a run: verdict, events that matter, summary, origin."""
+    """The report of a run: verdict, what decides it, events that matter, everything else, origin."""
+    found = outcome.summary
     worst = [f"- {e.time_s:.2f} s, {e.car or 'run'}: {e.text}" for e in outcome.events if e.level != "info"]
-    rows = [f"| {key} | {value} |" for key, value in _flat(outcome.summary)]
+    reason = f": {found['verdict_reason']}" if "verdict_reason" in found else ""
     return "\n".join(
         [
             _title(header),
             "",
-            f"**Verdict: {outcome.verdict}**",
+            f"**Verdict: {outcome.verdict}**{reason}",
+            "",
+            *_table(_main(found)),
             "",
             *worst,
             "",
-            "| | |",
-            "|---|---|",
-            *rows,
+            LEGEND,
+            "",
+            *_table(_flat(found)),
             "",
             _origin(header),
         ]
     )
+
+
+def of(title: str, found: Mapping[str, Any] | None, verdict: str | None) -> str:
+    """The report of a run that was read from a file."""
+    found = found or {}
+    head = [f"### {title}", "", f"**Verdict: {verdict or 'none, the run has not finished'}**", ""]
+    return "\n".join([*head, *_table(_main(found)), "", LEGEND, "", *_table(_flat(found))])
+
+
+LEGEND = (
+    "The ego's front axle must stay out of the discs, which have the radius r: *pale*, *yellow* where d_j is "
+    "less than r/2, *red* where it is inside. The *ghost* is where the nominal law wants the ego. Arrows at "
+    "the ego, r long for 2 m/s²: *blue* u_n, *pink* u_c, *yellow* u = u_n + u_c."
+)
+"""What is drawn, in words."""
+
+
+def _main(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What the verdict is about."""
+    least, at = found.get("min_distance_m", {}), found.get("t_min_distance_s", {})
+    for j, car in enumerate(least, start=1):
+        when = f" at {_number(at[car], 's')}" if at.get(car) is not None else ""
+        yield f"min d_{j}", f"{_number(least[car], 'm')}{when}"
+    for key, name, unit in (
+        ("min_clearance_m", "body clearance", "m"),
+        ("floor_m", "safety floor", "m"),
+        ("merged_at_s", "merged at", "s"),
+    ):
+        if key in found:
+            yield name, _number(found[key], unit)
+
+
+def _number(value: float | None, unit: str) -> str:
+    return "-" if value is None else f"{value:.3f} {unit}"
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> list[str]:
+    return ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows)]
 
 
 def _title(header: Header) -> str:

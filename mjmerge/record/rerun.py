@@ -1,15 +1,19 @@
 """``run.rrd``: the view. Opens in the Rerun viewer with the layout of ``layout.py``.
 
-Entities: ``/law/...`` and ``/cars/...`` hold every column bit for bit as scalars, ``/world/...`` what is
-drawn, ``/events`` the log, ``/phases/...`` and ``/hypotheses/...`` states as they change, ``/run/...`` where
-it comes from and how it ended. Times: ``sim_time``, ``step``.
+Entities: ``/law`` and ``/car/<car>`` hold a message per tick with every column bit for bit, under the names
+that they have in the MCAP; ``/world/...`` is what is drawn, ``/level/...`` what plots are read against,
+``/events`` the log, ``/phases/...`` and ``/hypotheses/...`` states as they change, ``/run/...`` where it
+comes from and how it ended. The only time is simulated: ``sim_time``.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from itertools import product
+import shutil
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,65 +22,154 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mjmerge import phases
+from mjmerge.errors import OutputError, RecordingError
 from mjmerge.metrics import Event
-from mjmerge.phases import Phase
-from mjmerge.record import layout, report
-from mjmerge.record.base import Header, Outcome, PosedBlock, nanoseconds
-from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision
-from mjmerge.record.scene import Scene, Shape
+from mjmerge.record import arrow, layout, plots, report, schema
+from mjmerge.record.arrow import Template
+from mjmerge.record.base import WHOLE, Header, Outcome, PosedBlock, join, nanoseconds
+from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision, manifest
+from mjmerge.record.plots import Plot
+from mjmerge.record.scene import DISC_RGBA, Scene, Shape, closeness
 from mjmerge.scenario import CARS
-from mjmerge.trace import COLUMNS, NEIGHBOURS, Array, Column
+from mjmerge.trace import BLOCK_S, Array
 
 APPLICATION = "mjmerge_run"
 """Of the layout: an open viewer keeps the first layout it saw under a name."""
-TIME_ENTITY = "/law/time_s"
-"""Simulated time exactly as simulated; the timeline holds the nearest nanosecond."""
+Still = list[tuple[str, rr.AsComponents]]
+"""Entities and what never changes of them."""
 _LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _PATIENCE_S = 30.0
 """For writing to disk; without a limit, a write that failed would be waited for for ever."""
-_TRAIL_M = 0.006
-
-
-def series(column: Column) -> Iterator[tuple[str, tuple[slice | int, ...]]]:
-    """Where a column is: entity path and index into (tick, ...), one entity per last component.
-
-    The first axis stays together as the lines of one plot (all cars, both neighbours), a second one is spread
-    over entities (``/cars/front_m/y``), so that a plot can show the lateral positions alone.
-    """
-    root = "/cars" if column.axes[:1] == (CARS,) else "/law"
-    rest = column.axes[1:]
-    for index in product(*(range(len(axis)) for axis in rest)):
-        parts = [axis[i] for axis, i in zip(rest, index, strict=True)]
-        yield "/".join([root, column.name, *parts]), (slice(None),) * min(2, 1 + len(column.axes)) + index
-
-
-def labels(column: Column) -> list[str]:
-    """Names of the lines of a column's plot."""
-    if not column.axes:
-        return [column.symbol]
-    if column.axes[0] == NEIGHBOURS:
-        return [column.symbol.replace("_j", f"_{j}") for j in (1, 2)]
-    if column.axes[0] == CARS:
-        return [car.replace("_", " ") for car in CARS]
-    return [f"{column.symbol} {part}".replace("_vehicle", " vehicle") for part in column.axes[0]]
+_HEADER_BYTES, _MESSAGE, _END = 12, struct.Struct("<QQ"), 0
+"""Of an .rrd: its header; of a message: its kind and its length; the kind of the end mark."""
+_NO_QPOS = np.empty((0, 0))
+_DRAW_S = 5.0
+"""What is drawn follows the numbers to disk with this delay: it can be made of them again."""
+CHUNK_TICKS = 4096
+"""Ticks that a finished file keeps together."""
+_ARROW_R = 0.5
+"""Length of an arrow for 1 m/s^2, in safety margins."""
+_TRAIL_R, _ARROW_RADIUS_R = 0.015, 0.035
 
 
 class RerunRecorder:
-    """Writes a Rerun recording."""
+    """Writes a Rerun recording: a journal during the run, and a tidy file in its place at the end."""
 
     def __init__(self, path: Path, header: Header, scene: Scene) -> None:
         """Args: the file; what is known of the run; what to draw."""
+        self._path, self._header = path, header
+        self._teller = partial(Teller, header=header, scene=scene, still=still_life(header, scene))
+        self._blueprint = layout.blueprint(header.scenario, scene.paint)
+        self._posed: list[PosedBlock] = []
+        self._drawn = 0
+        stream = rr.RecordingStream(APPLICATION, send_properties=False)
+        self._journal = Journal(path, stream)
+        stream.send_blueprint(self._blueprint, make_active=False)
+        self._told = self._teller(stream)
+
+    def write(self, posed: PosedBlock) -> None:
+        """Adds consecutive ticks, and puts them on disk."""
+        self._posed.append(replace(posed, block=replace(posed.block, qpos=_NO_QPOS)))
+        self._told.numbers(posed)
+        if (len(self._posed) - self._drawn) * BLOCK_S >= _DRAW_S:
+            self._draw()
+        self._journal.flush()
+
+    def _draw(self) -> None:
+        """Adds what is drawn of the ticks that it has not been added of."""
+        if self._drawn < len(self._posed):
+            self._told.draw(join(self._posed[self._drawn :]))
+            self._drawn = len(self._posed)
+
+    def close(self, outcome: Outcome) -> None:
+        """Writes the file anew, with the events, the phases, the verdict and the summary."""
+        path = self._path.with_name(self._path.name + WHOLE)
+        if shutil.disk_usage(path.parent).free < 2 * self._path.stat().st_size:
+            raise OutputError(f"the disk of {path.parent} is full")  # Rerun would wait for space for ever
+        stream = rr.RecordingStream(APPLICATION, send_properties=False)
+        stream.save(path, default_blueprint=self._blueprint)
+        whole = self._teller(stream)
+        for posed in self._chunks():
+            whole.numbers(posed)
+            whole.draw(posed)
+        whole.end(outcome)
+        whole.close()
+        self._journal.close()
+        if path.is_file():
+            path.replace(self._path)
+
+    def _chunks(self) -> list[PosedBlock]:
+        """All there is, in few parts."""
+        chunks: list[list[PosedBlock]] = []
+        room = 0
+        for posed in self._posed:
+            if len(posed.time_ns) > room:
+                chunks.append([])
+                room = CHUNK_TICKS
+            chunks[-1].append(posed)
+            room -= len(posed.time_ns)
+        return [join(parts) for parts in chunks]
+
+    def abort(self) -> None:
+        """Completes the journal with what it has."""
+        try:
+            self._draw()
+            self._journal.flush()
+        finally:
+            self._journal.close()
+
+
+class Journal:
+    """What a stream is told, appended to a file: without a footer, readable at any time.
+
+    Rerun's own writer never comes back from a disk that is full; here that is an ordinary ``OSError``.
+    """
+
+    def __init__(self, path: Path, stream: rr.RecordingStream) -> None:
+        """Args: the file, which must not exist; the stream, which has not been told anything."""
+        if not rr.is_enabled(stream):
+            raise RecordingError("nothing was written: RERUN=off in the environment")
+        self._bytes = rr.binary_stream(stream)
+        self._file = path.open("xb")
+
+    def flush(self) -> None:
+        """Puts what was told since on disk."""
+        data = self._bytes.read(flush_timeout_sec=_PATIENCE_S) or b""
+        self._file.write(data[_HEADER_BYTES if self._file.tell() else 0 : _end_of_messages(data)])
+        self._file.flush()
+
+    def close(self) -> None:
+        """Completes the file with what it has."""
+        self._file.close()
+
+
+def _end_of_messages(data: bytes) -> int:
+    """Where the end mark is of what Rerun gives out: a header, messages, that mark, a footer."""
+    at = _HEADER_BYTES
+    while at + _MESSAGE.size <= len(data):
+        kind, length = _MESSAGE.unpack_from(data, at)
+        if kind == _END:
+            break
+        at += _MESSAGE.size + length
+    return at
+
+
+class Teller:
+    """Tells a Rerun stream, which goes to a file or a viewer, about one run."""
+
+    def __init__(self, stream: rr.RecordingStream, header: Header, scene: Scene, still: Still) -> None:
+        """Args: where it goes; what is known of the run; what to draw; what never changes of that."""
         rr.set_strict_mode(True)  # otherwise data that does not fit is dropped with a warning
-        self._header = header
-        self._scene = scene
+        self._stream, self._header, self._scene = stream, header, scene
         self._last_m: Array | None = None
-        self._stream = rr.RecordingStream(APPLICATION, send_properties=False)
-        self._stream.save(path, default_blueprint=layout.blueprint(header.scenario))
+        self._near = np.full(len(CARS) - 1, -1)
+        self._plots = plots.everything(header.scenario, scene.paint)
         self._describe()
-        self._draw()
+        for entity, what in still:
+            stream.log(entity, what, static=True)
 
     def _describe(self) -> None:
-        """Provenance, and the names and colours of all lines."""
+        """Says where the run comes from."""
         h = self._header
         name = f"{h.scenario.name} · {h.plant} · seed {h.seed}"
         self._stream.send_recording_name(name)
@@ -89,159 +182,270 @@ class RerunRecorder:
             "versions": json.dumps(dict(h.versions)),
             "git_revision": git_revision() or "unknown",
             "conventions": json.dumps(CONVENTIONS),
+            "manifest": json.dumps(manifest(h)),
         }
         self._stream.send_property("run", rr.AnyValues(**about))
         self._text("/run/report", report.unfinished(h), rr.MediaType.MARKDOWN)
-        self._text("/run/scenario", h.scenario_yaml, rr.MediaType.TEXT)
-        self._text("/run/world", h.world_xml, rr.MediaType.TEXT)
-        for column in COLUMNS:
-            names = labels(column)
-            for entity, _ in series(column):
-                style = rr.SeriesLines(names=names, colors=self._colors(column), widths=[1.5] * len(names))
-                self._stream.log(entity, style, static=True)
-        for entity, names, _ in self._references():
-            colors = layout.REFERENCE_COLORS[: len(names)]
-            style = rr.SeriesLines(names=names, colors=colors, widths=[1.0] * len(names))
-            self._stream.log(entity, style, static=True)
 
-    def _references(self) -> list[tuple[str, list[str], list[float]]]:
-        """Constant lines that plots are read against: entity, names, values."""
-        scenario = self._header.scenario
-        floor = scenario.expect.min_distance_m.at_least
-        return [
-            ("/reference/distance_m", ["contact", "floor"], [0.0, floor]),
-            ("/reference/gap_m", ["2 r"], [2 * scenario.law.r_m]),
-        ]
+    def numbers(self, posed: PosedBlock) -> None:
+        """Adds every column at consecutive ticks."""
+        send_numbers(self._stream, posed)
 
-    def _colors(self, column: Column) -> list[list[int]]:
-        """Of a column's lines: the cars' own, where it is about cars."""
-        paint = {car: (255 * rgba).round().astype(int).tolist() for car, rgba in self._scene.paint.items()}
-        first = column.axes[0] if column.axes else ()
-        if first and set(first) <= set(CARS):
-            return [paint[car] for car in first]
-        return layout.COLORS.get(column.name, layout.LINE_COLORS[: max(1, len(first))])
-
-    def _draw(self) -> None:
-        """What is drawn, once; it moves with its frame."""
-        self._stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._draw_shapes("/world/road", self._scene.fixed)
-        for frame in self._scene.frames:
-            entity = layout.entity(frame.name)
-            self._draw_shapes(entity, frame.shapes)
-            if frame.label:
-                at = [(0.0, 0.0, self._scene.label_m)]
-                label = rr.Points3D(at, labels=[frame.label], radii=0, colors=[(240, 240, 240)])
-                self._stream.log(f"{entity}/label", label, static=True)
-        for car, rgba in self._scene.paint.items():
-            style = rr.LineStrips3D.from_fields(colors=[rgba], radii=[_TRAIL_M])
-            self._stream.log(f"/world/trails/{car}", style, static=True)
-
-    def _draw_shapes(self, entity: str, shapes: tuple[Shape, ...]) -> None:
-        """One child entity per kind of shape: kinds share the components that place them."""
-        for kind in ("box", "ellipsoid", "cylinder", "capsule"):
-            some = [s for s in shapes if s.kind == kind]
-            if some:
-                self._stream.log(f"{entity}/{kind}", _archetype(kind, some), static=True)
-        for i, mesh in enumerate(s for s in shapes if s.kind == "mesh"):
-            placed = rr.Transform3D(
-                translation=mesh.pos_m, quaternion=rr.Quaternion(xyzw=np.roll(mesh.quat, -1))
-            )
-            drawn = rr.Mesh3D(
-                vertex_positions=mesh.vertices_m, triangle_indices=mesh.triangles, albedo_factor=mesh.rgba
-            )
-            self._stream.log(f"{entity}/mesh_{i}", placed, drawn, static=True)
-
-    def write(self, posed: PosedBlock) -> None:
-        """Adds consecutive ticks, and puts them on disk."""
-        block = posed.block
-        count = len(block.ticks)
-        times = _times(posed.time_ns, block.ticks)
-        self._scalars(TIME_ENTITY, times, block.time_s[:, None])
-        for column in COLUMNS:
-            values = block.columns[column.name]
-            for entity, index in series(column):
-                self._scalars(entity, times, values[index].reshape(count, -1))
-        ends = [0, -1]
-        for entity, _, constants in self._references():
-            self._scalars(entity, _times(posed.time_ns[ends], block.ticks[ends]), np.tile(constants, (2, 1)))
-        for f, frame in enumerate(self._scene.frames):
-            quat = np.roll(posed.quat[:, f], -1, axis=-1)  # x y z w
-            placed = rr.Transform3D.columns(translation=posed.pos_m[:, f], quaternion=quat)
-            self._stream.send_columns(layout.entity(frame.name), times, placed)
-        self._trails(times, block.columns["front_m"])
-        self._stream.flush(timeout_sec=_PATIENCE_S)
-
-    def _scalars(self, entity: str, times: list[rr.TimeColumn], values: Array) -> None:
-        """Sends (B, n) numbers as n lines."""
-        lengths = np.full(len(values), values.shape[1])
-        columns = rr.Scalars.columns(scalars=values.ravel()).partition(lengths)
-        self._stream.send_columns(entity, times, columns)
+    def draw(self, posed: PosedBlock) -> None:
+        """Adds what is drawn of consecutive ticks, and what plots are read against."""
+        send_levels(self._stream, self._plots, posed.time_ns[[0, -1]])
+        if not len(posed.drawn):
+            return
+        times = times_of(posed.time_ns[posed.drawn])
+        columns = {name: values[posed.drawn] for name, values in posed.block.columns.items()}
+        send_frames(self._stream, self._scene, posed, layout.entity)
+        near = closeness(columns["distance_m"], self._scene.r_m)
+        send_discs(self._stream, self._scene, posed.time_ns[posed.drawn], near, self._near)
+        self._near = near[-1]
+        self._trails(times, columns["front_m"])
+        send_arrows(self._stream, self._scene, times, columns)
 
     def _trails(self, times: list[rr.TimeColumn], front_m: Array) -> None:
         """Sends each tick's bit of the front axles' paths; the view shows the last few seconds of them."""
         last = front_m[:1] if self._last_m is None else self._last_m
-        path = np.zeros((len(front_m) + 1, len(CARS), 3), np.float32)
+        path = np.zeros((len(front_m) + 1, len(CARS), 3))
         path[..., :2] = np.concatenate([last, front_m])
-        path[..., 2] = [_TRAIL_M * height for height in (3, 2, 1)]  # the ego's on top
+        path[..., 2] = [_TRAIL_R * self._scene.r_m * height for height in (3, 2, 1)]  # the ego's on top
         self._last_m = front_m[-1:]
-        for c, car in enumerate(CARS):
-            bits = np.stack([path[:-1, c], path[1:, c]], axis=1)
-            self._stream.send_columns(f"/world/trails/{car}", times, rr.LineStrips3D.columns(strips=bits))
+        bits = np.stack([path[:-1], path[1:]], axis=2)
+        self._send("/world/trails", times, _STRIP.fill(bits))
 
-    def close(self, outcome: Outcome) -> None:
-        """Adds the events, the phases, the verdict and the summary, and completes the file."""
+    def end(self, outcome: Outcome) -> None:
+        """Adds the events, the phases, the verdict and the summary."""
         events = outcome.events or [Event(0.0, "info", "", "nothing to report")]  # the view wants an entity
         at = nanoseconds([e.time_s for e in events])
-        ticks = np.rint(at / (self._header.control_step_s * 1e9)).astype(np.int64)
         rows = rr.TextLog.columns(
             text=[f"{e.car}: {e.text}" if e.car else e.text for e in events],
             level=[_LEVELS[e.level] for e in events],
         )
-        self._stream.send_columns("/events", _times(at, ticks), rows)
-        self._states(outcome.phases)
-        about = rr.AnyValues(verdict=outcome.verdict, summary=json.dumps(outcome.summary))
-        self._stream.send_property("outcome", about)
+        self._send("/events", times_of(at), rows)
+        said = [(int(nanoseconds(p.time_s)), p.subject, p.state) for p in outcome.phases]
+        send_states(self._stream, said)
+        about: dict[str, Any] = {
+            "verdict": outcome.verdict,
+            "summary": json.dumps(outcome.summary),
+            "sha256": json.dumps(dict(outcome.digests)),
+        }
+        self._stream.send_property("outcome", rr.AnyValues(**about))
         self._text("/run/report", report.finished(self._header, outcome), rr.MediaType.MARKDOWN)
-        self.abort()
 
-    def _states(self, found: Sequence[Phase]) -> None:
-        """Sends each subject's changes of state, and how the states are called and coloured."""
-        for subject, names in phases.NAMES.items():
-            entity = layout.phase_entity(subject)
-            style = rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject))
-            self._stream.log(entity, style, static=True)
-            mine = [p for p in found if p.subject == subject]
-            if mine:
-                at = nanoseconds([p.time_s for p in mine])
-                ticks = np.rint(at / (self._header.control_step_s * 1e9)).astype(np.int64)
-                rows = rr.StateChange.columns(
-                    state=["" if p.state == phases.ENDED else p.state for p in mine]
-                )
-                self._stream.send_columns(entity, _times(at, ticks), rows)
+    def flush(self, patience_s: float = _PATIENCE_S) -> None:
+        """Puts all that was told where it goes."""
+        self._stream.flush(timeout_sec=patience_s)
 
-    def abort(self) -> None:
-        """Completes the file with what it has."""
-        self._stream.flush(timeout_sec=_PATIENCE_S)
+    def close(self) -> None:
+        """Completes the stream with what it has."""
+        self.flush()
         self._stream.disconnect()
+
+    def _send(self, entity: str, times: list[rr.TimeColumn], columns: Any) -> None:
+        self._stream.send_columns(entity, times, columns)
 
     def _text(self, entity: str, text: str, media_type: rr.MediaType) -> None:
         self._stream.log(entity, rr.TextDocument(text, media_type=media_type), static=True)
 
 
-def _times(time_ns: NDArray[np.int64], ticks: NDArray[np.int64]) -> list[rr.TimeColumn]:
-    """Both timelines."""
+def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, root: str = "") -> None:
+    """Sends every column at consecutive ticks; ``root`` is where the topics go."""
+    times = times_of(posed.time_ns)
+    law: Any = arrow.structs(schema.LAW_MESSAGE, schema.law_rows(posed.block))
+    stream.send_columns(root + schema.LAW_TOPIC, times, law)
+    for car in CARS:
+        state: Any = arrow.structs(schema.CAR_MESSAGE, schema.car_rows(posed.block, car))
+        stream.send_columns(root + schema.car_topic(car), times, state)
+
+
+def send_levels(
+    stream: rr.RecordingStream,
+    which: Sequence[Plot],
+    time_ns: NDArray[np.int64],
+    timeline: str = layout.SIM_TIME,
+) -> None:
+    """Sends what plots are read against, at some times."""
+    for entity, level in plots.levels(which).items():
+        style = rr.SeriesLines(names=level.label, colors=[level.color], widths=[1.0])
+        stream.log(entity, style, static=True)
+        scalars: Any = _SCALARS.fill(np.full((len(time_ns), 1), level.value))
+        stream.send_columns(entity, times_of(time_ns, timeline), scalars)
+
+
+def send_frames(
+    stream: rr.RecordingStream, scene: Scene, posed: PosedBlock, entity: Callable[[str], str]
+) -> None:
+    """Sends where the frames of a scene were; ``entity`` is where a frame's is."""
+    times, quat = times_of(posed.time_ns[posed.drawn]), np.roll(posed.quat, -1, axis=-1)  # x y z w
+    for f, frame in enumerate(scene.frames):
+        placed: Any = _TRANSFORM.fill(posed.pos_m[:, f, None], quat[:, f, None])
+        stream.send_columns(entity(frame.name), times, placed)
+
+
+def send_discs(
+    stream: rr.RecordingStream,
+    scene: Scene,
+    time_ns: NDArray[np.int64],
+    near: NDArray[np.int64],
+    before: NDArray[np.int64],
+    timeline: str = layout.SIM_TIME,
+) -> None:
+    """Sends the colours of the discs where they change.
+
+    Args:
+        stream: where to.
+        scene: whose discs.
+        time_ns: times, ns, (D,).
+        near: how close the ego is then, see ``closeness``, (D, 2).
+        before: how close it was before, (2,).
+        timeline: of the times.
+    """
+    for frame in scene.frames:
+        j = frame.neighbour
+        if j is None:
+            continue
+        changes = np.flatnonzero(np.diff(near[:, j], prepend=before[j]))
+        if len(changes):
+            colors: Any = _CYLINDER_COLOR.fill(_rgba32(DISC_RGBA[near[changes, j]])[:, None])
+            stream.send_columns(
+                f"{layout.entity(frame.name)}/cylinder", times_of(time_ns[changes], timeline), colors
+            )
+
+
+def send_arrows(
+    stream: rr.RecordingStream, scene: Scene, times: list[rr.TimeColumn], columns: Mapping[str, Array]
+) -> None:
+    """Sends the parts of the ego's command, at its front axle, above its roof."""
+    u_mps2 = {"u_n": columns["u_n_mps2"], "u_c": columns["u_c_mps2"], "u": columns["u_mps2"][:, 0]}
+    for name, u in u_mps2.items():
+        vectors = np.zeros((len(u), 1, 3))
+        vectors[:, 0, :2] = np.nan_to_num(u * (_ARROW_R * scene.r_m), posinf=0, neginf=0)
+        told: Any = _ARROW.fill(vectors)
+        stream.send_columns(_arrow_entity(name), times, told)
+
+
+def send_states(
+    stream: rr.RecordingStream, changes: Sequence[tuple[int, str, str]], timeline: str = layout.SIM_TIME
+) -> None:
+    """Sends changes of state: time in ns, subject, state."""
+    for subject in phases.NAMES:
+        mine = [(at, state) for at, about, state in changes if about == subject]
+        if mine:
+            at = np.array([at for at, _ in mine], np.int64)
+            states = rr.StateChange.columns(state=["" if s == phases.ENDED else s for _, s in mine])
+            stream.send_columns(layout.phase_entity(subject), times_of(at, timeline), states)
+
+
+def still_states() -> Still:
+    """How states are called and coloured."""
     return [
-        rr.TimeColumn("sim_time", duration=time_ns.astype("timedelta64[ns]")),
-        rr.TimeColumn("step", sequence=ticks),
+        (
+            layout.phase_entity(subject),
+            rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject)),
+        )
+        for subject, names in phases.NAMES.items()
     ]
 
 
-def _archetype(kind: str, shapes: list[Shape]) -> rr.AsComponents:
+def still_arrows(scene: Scene) -> Still:
+    """How the parts of the ego's command look."""
+    return [
+        (
+            _arrow_entity(name),
+            rr.Arrows3D.from_fields(
+                origins=[(0, 0, scene.label_m)],
+                colors=[color],
+                radii=[_ARROW_RADIUS_R * scene.r_m],
+                labels=[name],
+                show_labels=False,
+            ),
+        )
+        for name, color in plots.COMMANDS.items()
+    ]
+
+
+_POINT = [[0.0, 0.0, 0.0]]
+_SCALARS = Template(rr.Scalars.columns(scalars=[0.0]))
+_TRANSFORM = Template(rr.Transform3D.columns(translation=_POINT, quaternion=[[0.0, 0.0, 0.0, 1.0]]))
+_STRIP = Template(rr.LineStrips3D.columns(strips=[[*_POINT, *_POINT]]))
+_ARROW = Template(rr.Arrows3D.columns(vectors=_POINT))
+_CYLINDER_COLOR = Template(rr.Cylinders3D.columns(colors=[0]))
+
+
+def times_of(time_ns: NDArray[np.int64], timeline: str = layout.SIM_TIME) -> list[rr.TimeColumn]:
+    """Times, ns, (B,), as Rerun wants them."""
+    return [rr.TimeColumn(timeline, duration=time_ns.astype("timedelta64[ns]"))]
+
+
+def _rgba32(rgba: Array) -> NDArray[np.uint32]:
+    """Colours (N, 4), 0 to 1, as Rerun packs them, (N,)."""
+    parts = np.round(255 * rgba).astype(np.uint32)
+    packed: NDArray[np.uint32] = parts @ np.array([2**24, 2**16, 2**8, 1], np.uint32)
+    return packed
+
+
+def still_life(header: Header, scene: Scene) -> Still:
+    """All that never changes: texts, what is drawn in its frame, names and colours."""
+    r_m = scene.r_m
+    still: Still = [("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *still_frames(scene, layout.entity)]
+    for name, text in (("scenario", header.scenario_yaml), ("world", header.world_xml)):
+        still.append((f"/run/{name}", rr.TextDocument(text, media_type=rr.MediaType.TEXT)))
+    colors = [scene.paint[car] for car in CARS]
+    still.append(("/world/trails", rr.LineStrips3D.from_fields(colors=colors, radii=[_TRAIL_R * r_m])))
+    return [*still, *still_arrows(scene), *still_states()]
+
+
+def still_frames(scene: Scene, entity: Callable[[str], str], colored: bool = False) -> Still:
+    """What is fixed to the frames of a scene, and the road.
+
+    Args:
+        scene: the scene.
+        entity: where a frame's is.
+        colored: whether the discs are, too, once and for all.
+    """
+    still = still_shapes(entity("road/"), scene.fixed)
+    for frame in scene.frames:
+        changes = frame.neighbour is not None and not colored
+        still += still_shapes(entity(frame.name), frame.shapes, colored=not changes)
+        if frame.label:
+            at = [(0.0, 0.0, scene.label_m)]
+            label = rr.Points3D(at, labels=[frame.label], radii=0, colors=[(240, 240, 240)])
+            still.append((f"{entity(frame.name)}/label", label))
+    return still
+
+
+def still_shapes(entity: str, shapes: tuple[Shape, ...], colored: bool = True) -> Still:
+    """One child entity per kind of shape: kinds share the components that place them.
+
+    A colour that is to change must not be among what never does: Rerun would show that one only.
+    """
+    still: Still = []
+    for kind in ("box", "ellipsoid", "cylinder", "capsule"):
+        some = [s for s in shapes if s.kind == kind]
+        if some:
+            still.append((f"{entity}/{kind}", _archetype(kind, some, colored)))
+    for i, mesh in enumerate(s for s in shapes if s.kind == "mesh"):
+        placed = rr.InstancePoses3D(translations=[mesh.pos_m], quaternions=[np.roll(mesh.quat, -1)])
+        drawn = rr.Mesh3D(
+            vertex_positions=mesh.vertices_m, triangle_indices=mesh.triangles, albedo_factor=mesh.rgba
+        )
+        still += [(f"{entity}/mesh_{i}", placed), (f"{entity}/mesh_{i}", drawn)]
+    return still
+
+
+def _arrow_entity(name: str) -> str:
+    """Of a part of the ego's command: at its front axle."""
+    return f"{layout.entity('axles/ego')}/{name}"
+
+
+def _archetype(kind: str, shapes: list[Shape], colored: bool) -> rr.AsComponents:
     """Shapes of one kind as one batch."""
     size = np.array([s.half_size_m for s in shapes])
     centers = np.array([s.pos_m for s in shapes])
     quaternions = np.roll([s.quat for s in shapes], -1, axis=-1)  # x y z w
-    colors = np.array([s.rgba for s in shapes])
+    colors = np.array([s.rgba for s in shapes]) if colored else None
     solid = rr.components.FillMode.Solid
     match kind:
         case "box":

@@ -1,12 +1,15 @@
 """What is drawn of the composed world, and where it is tick by tick; the same for every recorder.
 
-Drawn are the geoms of groups 0 to 2 (group 3 is for collisions), the target of the law, and the front axles:
-around each neighbour's the disc of radius r that the ego's front axle must stay out of.
+Drawn are the geoms of groups 0 to 2 (group 3 is for collisions); around each neighbour's front axle the disc
+of radius r that the ego's front axle must stay out of, coloured by d_j; where the nominal law wants the ego,
+its ghost. Sizes come from the geometry and from r, so that every scale is drawn alike.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import mujoco
@@ -18,6 +21,14 @@ from mjmerge.trace import Array, Block
 
 Kind = Literal["box", "ellipsoid", "cylinder", "capsule", "mesh"]
 _DRAWN_GROUPS = (0, 1, 2)
+TARGET, CAMERA = "law/target", "camera/ego"
+DRAWN_EVERY_S = 0.04
+"""Poses are for the eye: this often, and as float32; the numbers are at every tick, as they are."""
+CLOSE = 0.5
+"""A neighbour is close when d_j is less than this part of r."""
+DISC_RGBA = np.array([[0.75, 0.85, 0.95, 0.22], [1.0, 0.82, 0.1, 0.32], [1.0, 0.1, 0.15, 0.45]])
+"""Colour of a disc: clear of it, close, inside."""
+_GHOST_ALPHA = 0.25
 _UNBOUNDED_M = 500.0
 """Half the side of the square that an infinite plane is drawn as."""
 _PLANE_M = 0.001
@@ -67,15 +78,23 @@ class Frame:
     """Something that moves, with what is fixed to it.
 
     Attributes:
-        name: of the MuJoCo body, ``ego/chassis``, or one of ours: ``axles/<car>``, ``law/target``, and
-            ``camera/ego``, which goes along the road with the ego but neither sideways nor around.
+        name: of the MuJoCo body, ``ego/chassis``, or one of ours, which do not turn: ``axles/<car>``,
+            ``law/target``, and ``camera/ego``, which goes along the road with the ego but not sideways.
         shapes: what is drawn of it.
         label: what is written above it, if anything.
+        neighbour: whose disc it is, as an index into d_j; ``None`` if it is no disc.
     """
 
     name: str
     shapes: tuple[Shape, ...] = ()
     label: str = ""
+    neighbour: int | None = None
+
+    def faded(self, alpha: float) -> Frame:
+        """The same as a ghost: seen through, unlabelled, and without what is a mark and no car."""
+        shapes = () if self.neighbour is not None or self.name == TARGET else self.shapes
+        seen_through = tuple(replace(s, rgba=np.array([*s.rgba[:3], alpha])) for s in shapes)
+        return replace(self, shapes=seen_through, label="")
 
 
 class Scene:
@@ -85,13 +104,14 @@ class Scene:
         fixed: what never moves, in world axes.
         frames: what moves.
         paint: colour of each car, 0 to 1, by the car's name.
+        r_m: radius of the safety discs, m.
         label_m: how high above their frames labels are written, m.
     """
 
     def __init__(self, model: mujoco.MjModel, r_m: float) -> None:
         """Args: the composed world; radius of the safety discs, m."""
         self._model = model
-        self.label_m = 0.5 * r_m
+        self.r_m = r_m
         self.paint = {car: np.asarray(model.material(f"{car}/paint").rgba, float) for car in CARS}
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -104,37 +124,76 @@ class Scene:
             shape = _shape(model, g, model.geom_pos[g], model.geom_quat[g])
             shapes.setdefault(int(model.geom_bodyid[g]), []).append(shape)
         self._bodies = np.array(sorted(shapes), np.intp)
-        bodies = (Frame(model.body(b).name or f"body_{b}", tuple(shapes[b])) for b in self._bodies)
-        self.frames = (*bodies, *self._points(r_m))
+        bodies = [Frame(model.body(b).name or f"body_{b}", tuple(shapes[b])) for b in self._bodies]
+        ghost = tuple(
+            _ghost(model, data, g)
+            for b, f in zip(self._bodies, bodies, strict=True)
+            if f.name.startswith("ego/")
+            for g in drawn
+            if model.geom_bodyid[g] == b
+        )
+        self.label_m = _height_m(data, model, drawn) + 0.15 * r_m
+        self.frames = (*bodies, *self._discs(r_m), Frame(TARGET, ghost), Frame(CAMERA))
 
-    def _points(self, r_m: float) -> list[Frame]:
-        """Front axles, target and camera, sized after the safety margin."""
-        ego = self.paint["ego"]
-        marks = {"ego": _round("cylinder", (0.02 * r_m, 0.02 * r_m, 0.2 * r_m), 0.2 * r_m, ego, 1.0)}
-        for car in CARS[1:]:
-            marks[car] = _round("cylinder", (r_m, r_m, 0.002 * r_m), 0.006 * r_m, self.paint[car], 0.3)
-        target = _round("ellipsoid", (0.08 * r_m,) * 3, 0.08 * r_m, ego, 0.5)
-        axles = [Frame(f"axles/{car}", (marks[car],), car.replace("_", " ")) for car in CARS]
-        return [*axles, Frame("law/target", (target,)), Frame("camera/ego")]
+    def _discs(self, r_m: float) -> Iterator[Frame]:
+        """The front axles, with the neighbours' discs."""
+        for j, car in enumerate(CARS, start=-1):
+            disc = () if j < 0 else (_disc(r_m),)
+            yield Frame(f"axles/{car}", disc, car.replace("_", " "), None if j < 0 else j)
 
-    def poses(self, block: Block) -> tuple[Array, Array]:
-        """Where the frames are: origins, m, (B, F, 3), and orientations, w x y z, (B, F, 4)."""
-        count, bodies = len(block.ticks), len(self._bodies)
+    def showing(self, fixed: tuple[Shape, ...], frames: Iterable[Frame]) -> Scene:
+        """The same scene, drawn in another way."""
+        other = copy(self)
+        other.fixed, other.frames = fixed, tuple(frames)
+        return other
+
+    def drawn(self, block: Block, control_step_s: float) -> NDArray[np.intp]:
+        """Which ticks of a block are drawn, (D,)."""
+        every = max(1, round(DRAWN_EVERY_S / control_step_s))
+        return np.flatnonzero(block.ticks % every == 0)
+
+    def poses(self, block: Block, ticks: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Where the frames are at some ticks of a block.
+
+        Args:
+            block: the ticks and their columns.
+            ticks: which of them, (D,).
+
+        Returns:
+            Origins, m, (D, F, 3), and orientations, w x y z, (D, F, 4), rounded to float32.
+        """
+        count, bodies = len(ticks), len(self._bodies)
         pos_m = np.zeros((count, len(self.frames), 3))
         quat = np.zeros((count, len(self.frames), 4))
         quat[..., 0] = 1.0
         data = mujoco.MjData(self._model)
-        for k in range(count):
-            data.qpos = block.qpos[k]
+        for k, tick in enumerate(ticks):
+            data.qpos = block.qpos[tick]
             mujoco.mj_kinematics(self._model, data)
             pos_m[k, :bodies] = data.xpos[self._bodies]
             quat[k, :bodies] = data.xquat[self._bodies]
-        axles, half = slice(bodies, bodies + len(CARS)), block.columns["heading_rad"] / 2
-        pos_m[:, axles, :2] = block.columns["front_m"]
-        quat[:, axles, 0], quat[:, axles, 3] = np.cos(half), np.sin(half)
-        pos_m[:, -2, :2] = block.columns["target_m"]
-        pos_m[:, -1, 0] = block.columns["front_m"][:, 0, 0]
-        return pos_m, quat
+        pos_m[:, bodies : bodies + len(CARS), :2] = block.columns["front_m"][ticks]
+        pos_m[:, -2, :2] = block.columns["target_m"][ticks]
+        pos_m[:, -1, 0] = block.columns["front_m"][ticks, 0, 0]
+        return pos_m.astype(np.float32).astype(float), quat.astype(np.float32).astype(float)
+
+
+def closeness(distance_m: Array, r_m: float) -> NDArray[np.int64]:
+    """0: clear of the disc, 1: close to it, 2: inside; like ``distance_m``."""
+    return (distance_m < CLOSE * r_m).astype(np.int64) + (distance_m <= 0)
+
+
+def _height_m(data: mujoco.MjData, model: mujoco.MjModel, drawn: list[int]) -> float:
+    """How high what moves reaches, at most, m."""
+    moving = [g for g in drawn if model.body_weldid[model.geom_bodyid[g]] != 0]
+    return max((float(data.geom_xpos[g, 2] + model.geom_rbound[g]) for g in moving), default=0.0)
+
+
+def _ghost(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Shape:
+    """A geom of the standing ego, seen from the road below its front axle, and through."""
+    axle_m = data.site("ego/front_axle").xpos * [1, 1, 0]
+    shape = _shape(model, geom, data.geom_xpos[geom] - axle_m, _quat(data.geom_xmat[geom]))
+    return replace(shape, rgba=np.array([*(0.5 + 0.5 * shape.rgba[:3]), _GHOST_ALPHA]))
 
 
 def _quat(matrix: Array) -> Array:
@@ -172,14 +231,14 @@ def _shape(model: mujoco.MjModel, geom: int, pos_m: Array, quat: Array) -> Shape
     return Shape(kind, size, pos, np.array(quat, float), _rgba(model, geom), vertices, triangles)
 
 
-def _round(kind: Kind, half_size_m: tuple[float, ...], height_m: float, rgb: Array, alpha: float) -> Shape:
-    """A mark of ours, ``height_m`` above the origin of its frame."""
+def _disc(r_m: float) -> Shape:
+    """A safety disc, a little above the road's markings."""
     return Shape(
-        kind,
-        np.array(half_size_m),
-        np.array([0, 0, height_m]),
+        "cylinder",
+        np.array([r_m, r_m, 0.002 * r_m]),
+        np.array([0, 0, 0.006 * r_m]),
         np.array([1.0, 0, 0, 0]),
-        np.array([*rgb[:3], alpha]),
+        DISC_RGBA[0],
         np.empty((0, 3)),
         np.empty((0, 3), np.int32),
     )

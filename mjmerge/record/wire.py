@@ -40,6 +40,11 @@ class Layout:
         self._doubles: list[int] = []
         self._times: list[int] = []
 
+    @property
+    def doubles(self) -> int:
+        """How many doubles the message has."""
+        return len(self._doubles)
+
     def double(self, number: int) -> Layout:
         """Adds a double to be filled in; returns the layout."""
         self._wire += _tag(number, _FIXED64)

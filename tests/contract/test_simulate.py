@@ -15,7 +15,7 @@ from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.mujoco import MuJoCo
 from mjmerge.scenario import CARS
 from mjmerge.simulate import simulate
-from mjmerge.trace import BLOCK_TICKS, COLUMNS
+from mjmerge.trace import BLOCK_S, COLUMNS
 from mjmerge.world import build
 
 every_plant = pytest.mark.parametrize("plant", sorted(PLANTS))
@@ -254,7 +254,7 @@ def test_a_sink_gets_exactly_the_first_runs_rows_in_blocks(runs, short_world):
     sink = Kept()
     trace = simulate(load("paper", ["duration_s=12"]), runs=runs, sink=sink, world=short_world)
     same_rows(sink, trace, 1201)
-    assert [len(b[0]) for b in sink.blocks] == [BLOCK_TICKS, BLOCK_TICKS, 1201 - 2 * BLOCK_TICKS]
+    assert [len(b[0]) for b in sink.blocks] == [round(BLOCK_S / 0.01)] * 24 + [1]
     assert [b[3].shape for b in sink.blocks] == [(len(b[0]), short_world.model.nq) for b in sink.blocks]
 
 

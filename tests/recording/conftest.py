@@ -15,6 +15,7 @@ from mjmerge.trace import COLUMNS, Block
 _CAR = """
 <body name="{car}/" pos="0 {y} 0.05">
   <freejoint name="{car}/free/"/>
+  <site name="{car}/front_axle" pos=".16 0 0"/>
   <geom name="{car}/hull" type="box" size=".3 .16 .06" group="3"/>
   <geom type="box" size=".28 .13 .03" group="1" material="{car}/paint"/>
   <body name="{car}/wheel" pos=".16 .13 0">

@@ -116,25 +116,29 @@ def test_mcap_holds_where_it_comes_from_and_how_it_ended(run: Path, header: Head
     assert law_ns == [10_000_000 * k for k in range(8)]
 
 
-def test_mcap_poses_are_those_of_mujoco(run: Path, header: Header, make_blocks: MakeBlocks) -> None:
-    blocks = make_blocks(5, 3)
+def test_mcap_poses_are_those_of_mujoco_25_times_a_second(
+    tmp_path: Path, header: Header, make_blocks: MakeBlocks
+) -> None:
+    blocks = make_blocks(50, 12)
+    run = tmp_path
+    record(run, header, blocks, {"run.mcap": open_mcap})
     data = mujoco.MjData(header.model)
     with (run / "run.mcap").open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         decoded = [message for *_, message in reader.iter_decoded_messages(topics=["/tf"])]
-    assert len(decoded) == 8
-    for k, message in enumerate(decoded):
+    assert len(decoded) == 16
+    for k, message in zip(range(0, 62, 4), decoded, strict=True):
         data.qpos = np.concatenate([b.qpos for b in blocks])[k]
         mujoco.mj_kinematics(header.model, data)
         transforms = {t.child_frame_id: t for t in message.transforms}
         for name in ("ego/", "vehicle_2/wheel"):
             t, body = transforms[name], data.body(name)
-            assert (t.translation.x, t.translation.y, t.translation.z) == tuple(body.xpos)
-            assert (t.rotation.w, t.rotation.x, t.rotation.y, t.rotation.z) == tuple(body.xquat)
+            assert (t.translation.x, t.translation.y, t.translation.z) == tuple(np.float32(body.xpos))
+            assert (t.rotation.w, t.rotation.x, t.rotation.y, t.rotation.z) == tuple(np.float32(body.xquat))
             assert t.parent_frame_id == "world"
             assert t.timestamp.ToNanoseconds() == 10_000_000 * k
         axle = transforms["axles/ego"].translation
-        assert [axle.x, axle.y] == columns(blocks)["front_m"][k, 0].tolist()
+        assert [axle.x, axle.y] == np.float32(columns(blocks)["front_m"][k, 0]).tolist()
 
 
 def test_every_drawn_geom_is_in_the_scene_and_no_hull(header: Header) -> None:
@@ -163,7 +167,8 @@ def test_every_view_shows_something_that_exists(run: Path, header: Header) -> No
             return 1
         return sum(check(child) for child in children)
 
-    assert check(blueprint(header.scenario).root_container) > 8
+    paint = Scene(header.model, 0.6).paint
+    assert check(blueprint(header.scenario, paint).root_container) > 8
 
 
 def test_published_schema_is_current() -> None:

@@ -31,13 +31,19 @@ def has_vulkan() -> bool:
     )
 
 
-@contextmanager
-def headless_viewer() -> Iterator[ViewerClient]:
-    """A viewer of our own, which only this machine can reach."""
+def free_port() -> int:
+    """A port that nobody listens on."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        port = str(probe.getsockname()[1])
-    arguments = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", port]
+        port: int = probe.getsockname()[1]
+    return port
+
+
+@contextmanager
+def headless_viewer(port: int | None = None) -> Iterator[ViewerClient]:
+    """A viewer of our own, which only this machine can reach."""
+    port = port or free_port()
+    arguments = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     process = subprocess.Popen([rerun_cli(), *arguments], start_new_session=True, **quiet)
     try:
@@ -69,13 +75,26 @@ def open_headless(rrd: Path, png: Path, time_s: float) -> list[str]:
     """
     with headless_viewer() as viewer:
         viewer.open(str(rrd))
-        deadline = time.monotonic() + _PATIENCE_S
-        while viewer.get_state().loading and time.monotonic() < deadline:
-            time.sleep(0.1)
+        await_views(viewer)
         viewer.set_time("sim_time", duration=time_s, play_state="paused")
         time.sleep(_SETTLE_S)
         viewer.save_screenshot(str(png))
-        views = viewer.get_state().views
-        reports = [f"{v.name}: {r.severity}: {r.summary} {r.details}" for v in views for r in v.reports]
-        logs = [f"{e.level}: {e.message}" for e in viewer.get_logs() if e.level in ("WARN", "ERROR")]
-        return reports + [line for line in logs if _HARMLESS not in line]
+        return complaints(viewer)
+
+
+def await_views(viewer: ViewerClient) -> None:
+    """Waits until a recording is there and shown."""
+    deadline = time.monotonic() + _PATIENCE_S
+    while time.monotonic() < deadline:
+        state = viewer.get_state()
+        if state.views and not state.loading:
+            return
+        time.sleep(0.2)
+
+
+def complaints(viewer: ViewerClient) -> list[str]:
+    """What views and viewer complain about."""
+    views = viewer.get_state().views
+    reports = [f"{v.name}: {r.severity}: {r.summary} {r.details}" for v in views for r in v.reports]
+    logs = [f"{e.level}: {e.message}" for e in viewer.get_logs() if e.level in ("WARN", "ERROR")]
+    return reports + [line for line in logs if _HARMLESS not in line]

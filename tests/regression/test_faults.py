@@ -1,4 +1,4 @@
-"""Proof that the gate can fail: faults sown into a scratch copy make it fail, and it passes when they are undone.
+"""Proof that the gate can fail: faults sown into a copy make it fail, and it passes when they are undone.
 
 The rows and floors themselves are in ``scenarios/*.yaml`` and are tests through the project's own pytest
 plugin.

@@ -1,0 +1,213 @@
+"""A recording as recorders take it: its header, its ticks and where everything that is drawn was.
+
+From the file alone. Where it has no pose (poses are recorded now and then, and may be cut off before the
+numbers are), the parts of a car are carried along with its front axle from where they were last.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmerge.contract import judge
+from mjmerge.errors import UnreadableError
+from mjmerge.metrics import events
+from mjmerge.phases import phases
+from mjmerge.record.base import Header, Outcome, PosedBlock
+from mjmerge.record.digest import digests
+from mjmerge.record.read import Recorded, Ticks, mcap_messages, rrd_batches, time_ns_of
+from mjmerge.record.scene import Frame, Scene
+from mjmerge.report import summary
+from mjmerge.scenario import CARS
+from mjmerge.trace import COLUMNS, Array, Block, Trace
+
+Tracks = dict[str, tuple[Ticks, Array]]
+"""By frame: times, ns, (K,), and poses, x y z and then w x y z, (K, 7)."""
+
+
+def header(found: Recorded) -> Header:
+    """What was known of the run before it started.
+
+    Raises:
+        UnreadableError: there is no world in it, or none that compiles.
+        ScenarioError: its scenario is none that this version can run.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_string(found.world_xml)
+    except ValueError as error:
+        raise UnreadableError(found.path, f"its world does not compile: {error}") from error
+    return Header(
+        scenario=found.scenario(),
+        scenario_yaml=found.scenario_yaml,
+        plant=str(found.manifest["plant"]),
+        seed=int(found.manifest["seed"]),
+        model=model,
+        world_xml=found.world_xml,
+        versions=found.manifest["versions"],
+        control_step_s=found.step_s,
+        continuous=bool(found.manifest["continuous"]),
+    )
+
+
+def posed(found: Recorded, about: Header, scene: Scene) -> PosedBlock:
+    """The whole run as one block, without ``qpos``.
+
+    Args:
+        found: the file as read.
+        about: its header.
+        scene: what is drawn.
+
+    Raises:
+        UnreadableError: there is no tick in it.
+    """
+    if not found.columns or not len(found.ticks):
+        raise UnreadableError(found.path, "there is not a whole tick in it")
+    block = Block(
+        ticks=found.ticks,
+        time_s=found.columns["time_s"],
+        columns={c.name: found.columns[c.name] for c in COLUMNS},
+        qpos=np.empty((len(found.ticks), 0)),
+    )
+    drawn = scene.drawn(block, about.control_step_s)
+    pos_m, quat = poses(found, about, scene, drawn)
+    return PosedBlock(block, found.time_ns, drawn, pos_m, quat)
+
+
+def outcome(found: Recorded, trace: Trace) -> Outcome:
+    """What a recording ends with, from its trace."""
+    (verdict,) = judge(trace)
+    happened = sorted([*events(trace), *verdict.events()], key=lambda e: e.time_s)
+    claims = {k: v for k, v in summary(trace, [verdict], 1.0).items() if k != "real_time_factor"}
+    return Outcome(happened, verdict.verdict, claims, phases(trace), digests(found.columns))
+
+
+def poses(found: Recorded, about: Header, scene: Scene, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Where the frames of the scene were at some rows of the columns.
+
+    Args:
+        found: the file as read.
+        about: its header.
+        scene: whose frames.
+        rows: which rows, (D,).
+
+    Returns:
+        Origins, m, (D, F, 3), and orientations, w x y z, (D, F, 4).
+    """
+    tracks = _tracks(found, scene)
+    standing = _standing(about.model)
+    out = np.zeros((len(rows), len(scene.frames), 7))
+    front_m, heading_rad = found.columns["front_m"], found.columns["heading_rad"]
+    for f, frame in enumerate(scene.frames):
+        car = _car(frame)
+        if car is None:
+            out[:, f] = _mark(found, frame, rows)
+            continue
+        time_ns, track = tracks.get(frame.name, (np.empty(0, np.int64), np.empty((0, 7))))
+        known = np.isin(time_ns, found.time_ns)
+        time_ns, track = time_ns[known], track[known]
+        latest = np.searchsorted(time_ns, found.time_ns[rows], side="right") - 1
+        there = latest >= 0
+        then = np.searchsorted(found.time_ns, time_ns[latest[there]])
+        now = (front_m[rows, car], heading_rad[rows, car])
+        before = np.zeros((len(rows), 2)), np.zeros(len(rows))
+        before[0][there], before[1][there] = front_m[then, car], heading_rad[then, car]
+        last = np.tile(standing[frame.name], (len(rows), 1))
+        last[there] = track[latest[there]]
+        carried = _carried(last, before, now)
+        exact = there.copy()
+        exact[there] = then == rows[there]
+        out[:, f] = np.where(exact[:, None], last, carried)
+    return out[..., :3], out[..., 3:]
+
+
+def _car(frame: Frame) -> int | None:
+    """Whose part a frame is; ``None`` for a mark of ours."""
+    owner = frame.name.split("/")[0]
+    return CARS.index(owner) if owner in CARS else None
+
+
+def _mark(found: Recorded, frame: Frame, rows: NDArray[np.intp]) -> Array:
+    """Poses of front axle, target and camera, (D, 7): they follow from the columns."""
+    out = np.zeros((len(rows), 7))
+    out[:, 3] = 1.0
+    kind, _, name = frame.name.partition("/")
+    if kind == "axles":
+        car = CARS.index(name)
+        out[:, :2] = found.columns["front_m"][rows, car]
+        half = found.columns["heading_rad"][rows, car] / 2
+        out[:, 3], out[:, 6] = np.cos(half), np.sin(half)
+    elif kind == "law":
+        out[:, :2] = found.columns["target_m"][rows]
+    else:
+        out[:, 0] = found.columns["front_m"][rows, 0, 0]
+    return out
+
+
+def _standing(model: mujoco.MjModel) -> dict[str, Array]:
+    """Poses of all bodies seen from below their car's front axle, as the car stands, by name, (7,)."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    out = {}
+    for b in range(model.nbody):
+        name = model.body(b).name or f"body_{b}"
+        origin = np.zeros(3)
+        if name.split("/")[0] in CARS:
+            origin[:2] = data.site(f"{name.split('/')[0]}/front_axle").xpos[:2]
+        out[name] = np.concatenate([data.xpos[b] - origin, data.xquat[b]])
+    return out
+
+
+def _carried(pose: Array, before: tuple[Array, Array], now: tuple[Array, Array]) -> Array:
+    """Poses moved as their front axles moved, from position and heading to position and heading, (D, 7)."""
+    turn = now[1] - before[1]
+    c, s = np.cos(turn), np.sin(turn)
+    x, y = (pose[:, :2] - before[0]).T
+    out = pose.copy()
+    out[:, 0], out[:, 1] = now[0][:, 0] + c * x - s * y, now[0][:, 1] + s * x + c * y
+    c, s = np.cos(turn / 2), np.sin(turn / 2)
+    qw, qx, qy, qz = pose[:, 3:].T
+    out[:, 3:] = np.stack([c * qw - s * qz, c * qx - s * qy, c * qy + s * qx, c * qz + s * qw], axis=1)
+    return out
+
+
+def _tracks(found: Recorded, scene: Scene) -> Tracks:
+    """The poses that are in the file."""
+    there = _mcap_tracks(found) if found.kind == "mcap" else _rrd_tracks(found, scene)
+    parts: dict[str, list[tuple[Ticks, Array]]] = defaultdict(list)
+    for name, time_ns, values in there:
+        parts[name].append((time_ns, values))
+    tracks = {}
+    for name, some in parts.items():
+        time_ns = np.concatenate([t for t, _ in some])
+        order = np.argsort(time_ns, kind="stable")
+        tracks[name] = time_ns[order], np.concatenate([v for _, v in some])[order]
+    return tracks
+
+
+def _mcap_tracks(found: Recorded) -> Iterator[tuple[str, Ticks, Array]]:
+    rows: Mapping[str, tuple[list[int], list[Any]]] = defaultdict(lambda: ([], []))
+    for time_ns, message in mcap_messages(found.path, "/tf"):
+        for t in message.transforms:
+            p, q = t.translation, t.rotation
+            rows[t.child_frame_id][0].append(time_ns)
+            rows[t.child_frame_id][1].append((p.x, p.y, p.z, q.w, q.x, q.y, q.z))
+    for name, (times, values) in rows.items():
+        yield name, np.array(times, np.int64), np.array(values, np.float64)
+
+
+def _rrd_tracks(found: Recorded, scene: Scene) -> Iterator[tuple[str, Ticks, Array]]:
+    from mjmerge.record import layout
+
+    names = {layout.entity(frame.name): frame.name for frame in scene.frames}
+    wanted = ("Transform3D:translation", "Transform3D:quaternion")
+    for entity, batch in rrd_batches(found.path):
+        if entity in names and {"sim_time", *wanted} <= set(batch.schema.names):
+            pos, quat = (batch[name].flatten().flatten().to_numpy(zero_copy_only=False) for name in wanted)
+            time_ns = time_ns_of(batch)
+            values = np.concatenate([pos.reshape(-1, 3), np.roll(quat.reshape(-1, 4), 1, axis=1)], axis=1)
+            yield names[entity], time_ns, values.astype(np.float64)

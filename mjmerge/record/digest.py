@@ -1,0 +1,36 @@
+"""Fingerprints of what was recorded, column by column: a number changed in a file afterwards shows."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+
+import numpy as np
+
+from mjmerge.trace import COLUMNS, Array, Block
+
+
+class Digest:
+    """SHA-256 of every column of a run, fed block by block: of the float64 as they are, little-endian."""
+
+    def __init__(self) -> None:
+        self._hashes = {name: hashlib.sha256() for name in ("time_s", *(c.name for c in COLUMNS))}
+
+    def add(self, block: Block) -> None:
+        """Adds consecutive ticks."""
+        self._add({"time_s": block.time_s, **block.columns})
+
+    def _add(self, columns: Mapping[str, Array]) -> None:
+        for name, fed in self._hashes.items():
+            fed.update(np.ascontiguousarray(columns[name], "<f8").tobytes())
+
+    def hex(self) -> dict[str, str]:
+        """What it comes to so far, by column."""
+        return {name: fed.hexdigest() for name, fed in self._hashes.items()}
+
+
+def digests(columns: Mapping[str, Array]) -> dict[str, str]:
+    """Of whole columns, each (T, ...), ``time_s`` among them."""
+    whole = Digest()
+    whole._add(columns)
+    return whole.hex()

@@ -1,0 +1,162 @@
+"""Which lines of a recording are plotted together, and their colours; the same for Rerun and Foxglove."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from mjmerge.record.schema import LAW_TOPIC, car_topic
+from mjmerge.scenario import CARS, Scenario
+from mjmerge.trace import NEIGHBOURS, WHEELS, Array
+
+Color = tuple[int, int, int]
+
+COMMANDS: dict[str, Color] = {"u_n": (110, 200, 255), "u_c": (255, 70, 150), "u": (255, 225, 80)}
+"""Colour of each part of the ego's command: nominal, barrier, both; in plots and as arrows."""
+_WHITE, _VIOLET, _GREY, _RED, _DARK_RED = (
+    (245, 245, 245),
+    (190, 130, 255),
+    (150, 150, 150),
+    (235, 80, 80),
+    (165, 95, 95),
+)
+_WHEEL_COLORS: tuple[Color, ...] = ((250, 170, 90), (250, 220, 120), (90, 170, 240), (130, 220, 240))
+
+
+@dataclass(frozen=True)
+class Line:
+    """A field over time.
+
+    Attributes:
+        label: in the legend.
+        color: red, green, blue, 0 to 255.
+        topic: of the field's message.
+        field: its dotted name in there.
+    """
+
+    label: str
+    color: Color
+    topic: str
+    field: str
+
+
+@dataclass(frozen=True)
+class Level:
+    """A constant to read a plot against.
+
+    Attributes:
+        label: in the legend.
+        color: red, green, blue, 0 to 255.
+        value: the constant, in the plot's unit.
+    """
+
+    label: str
+    color: Color
+    value: float
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Lines that share their axes.
+
+    Attributes:
+        name: above the plot, with the unit.
+        lines: what is plotted.
+        levels: what it is read against.
+    """
+
+    name: str
+    lines: tuple[Line, ...]
+    levels: tuple[Level, ...] = ()
+
+
+def rgb(paint: Array) -> Color:
+    """A colour, 0 to 1, as bytes."""
+    r, g, b = (round(255 * float(c)) for c in paint[:3])
+    return r, g, b
+
+
+def main(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
+    """What is always in sight: distances, clearance, opinion; ``paint`` is the colour of each car."""
+    floor = scenario.expect.min_distance_m.at_least
+    levels = [Level("contact", _RED, 0.0)] + [Level("floor", _DARK_RED, floor)] * (floor != 0)
+    around = [(j, car, rgb(paint[car])) for j, car in enumerate(NEIGHBOURS, start=1)]
+    return [
+        Plot(
+            "Distance d_j of the front axles less r, m",
+            tuple(Line(f"d_{j}", color, LAW_TOPIC, f"distance_m.{car}") for j, car, color in around),
+            tuple(levels),
+        ),
+        Plot(
+            "Clearance of the bodies, m",
+            tuple(Line(f"to {_said(c)}", color, LAW_TOPIC, f"clearance_m.ego_{c}") for _, c, color in around),
+            (Level("contact", _RED, 0.0),),
+        ),
+        Plot(
+            "Opinion z, mu, weight w of the merge",
+            (
+                Line("z", _WHITE, LAW_TOPIC, "opinion"),
+                Line("mu", _VIOLET, LAW_TOPIC, "mu"),
+                Line("w", (255, 210, 90), LAW_TOPIC, "weight"),
+            ),
+        ),
+    ]
+
+
+def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
+    """What the cars are told and do, a tab each."""
+    ego = car_topic("ego")
+
+    def command(axis: str) -> tuple[Line, ...]:
+        where = {"u_n": LAW_TOPIC, "u_c": LAW_TOPIC, "u": ego}
+        return tuple(Line(u, COMMANDS[u], where[u], f"{u}_mps2.{axis}") for u in COMMANDS)
+
+    def cars(field: str) -> tuple[Line, ...]:
+        return tuple(Line(_said(car), rgb(paint[car]), car_topic(car), field) for car in CARS)
+
+    wheels = zip(WHEELS, _WHEEL_COLORS, strict=True)
+    return [
+        Plot("Command along, m/s²", command("x")),
+        Plot("across", command("y")),
+        Plot("Speed, m/s", cars("speed_mps")),
+        Plot("Lateral, m", cars("front_m.y")),
+        Plot(
+            "Steering, rad",
+            (
+                Line("command", _GREY, ego, "steer_command_rad"),
+                Line("angle", rgb(paint["ego"]), ego, "steer_rad"),
+                Line("clipped", _RED, ego, "steer_clipped_rad"),
+            ),
+        ),
+        Plot(
+            "Torque, N m",
+            (
+                *(Line(_said(wheel), color, ego, f"torque_n_m.{wheel}") for wheel, color in wheels),
+                Line("clipped", _RED, ego, "torque_clipped_n_m"),
+            ),
+        ),
+        Plot(
+            "Gap, m",
+            (Line("dbar", _WHITE, LAW_TOPIC, "gap_m"),),
+            (Level("2 r", _RED, 2 * scenario.law.r_m),),
+        ),
+    ]
+
+
+def everything(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
+    """All plots of a run."""
+    return [*main(scenario, paint), *actuation(scenario, paint)]
+
+
+def levels(plots: Iterable[Plot]) -> dict[str, Level]:
+    """Every level of some plots by the entity that Rerun knows it by."""
+    return {f"/level/{entity(p.name)}/{entity(v.label)}": v for p in plots for v in p.levels}
+
+
+def entity(name: str) -> str:
+    """Letters and digits of a name, words joined by underscores."""
+    return "_".join("".join(c if c.isalnum() else " " for c in name.lower()).split())
+
+
+def _said(name: str) -> str:
+    return name.replace("_", " ")

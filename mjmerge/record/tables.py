@@ -1,0 +1,84 @@
+"""What is in a recording as Markdown tables, from the declarations that the recorders use."""
+
+from __future__ import annotations
+
+from mjmerge.record import schema
+from mjmerge.record.scene import DRAWN_EVERY_S
+from mjmerge.record.schema import CAR_COLUMNS, LAW_COLUMNS, Field
+from mjmerge.trace import XY, Column
+
+_UNITS = {
+    "_n_m": "N m",
+    "_mps2": "m/s²",
+    "_mps": "m/s",
+    "_radps": "rad/s",
+    "_rad": "rad",
+    "_per_s": "1/s",
+    "_m": "m",
+    "_s": "s",
+}
+"""Ends of names, the longer ones first, and the units they stand for."""
+
+
+def unit(name: str) -> str:
+    """The unit that a name ends in; ``1`` for a plain number."""
+    return next((u for end, u in _UNITS.items() if name.endswith(end)), "1")
+
+
+def fields() -> str:
+    """Every field of our messages: the same in both formats."""
+    tables = []
+    for topic, message, columns in (
+        (schema.LAW_TOPIC, schema.LAW_MESSAGE, LAW_COLUMNS),
+        (schema.car_topic("<car>"), schema.CAR_MESSAGE, CAR_COLUMNS),
+    ):
+        by_name = {c.name: c for c in columns}
+        tables += [
+            f"`{topic}` holds `{schema.PACKAGE}.{message}`, once per tick:",
+            "",
+            "| field | unit | frame | symbol | what it is |",
+            "|---|---|---|---|---|",
+            *(_row(f, by_name.get(f.name)) for f in schema.MESSAGES[message]),
+            "",
+        ]
+    return "\n".join(tables)
+
+
+def _row(field: Field, column: Column | None) -> str:
+    parts = "" if not field.parts else ".{" + ", ".join(field.parts) + "}"
+    frame = "road" if field.parts == XY else "-"
+    symbol, what = (column.symbol, column.doc) if column else ("t", field.doc)
+    cells = (f"`{field.name}{parts}`", unit(field.name), frame, symbol, what)
+    return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"
+
+
+def topics() -> str:
+    """Everything else, topic by topic, with the rates."""
+    drawn = f"{1 / DRAWN_EVERY_S:g} Hz"
+    rows = [
+        ("`/law`, `/car/<car>`", "`/law`, `/car/<car>`", "every tick", "the numbers, float64, bit for bit"),
+        ("`/tf`", "`/world/<car>/<body>`, ...", drawn, "poses of all that is drawn, in the world, float32"),
+        (
+            "`/scene`",
+            "`/world/**`",
+            "once",
+            "geometry of cars and road, discs; a disc again when it changes colour",
+        ),
+        ("-", "`/world/axles/ego/{u_n, u_c, u}`", drawn, "arrows of the ego's command"),
+        ("-", "`/world/trails`", drawn, "paths of the front axles"),
+        ("`/log`", "`/events`", "as it happens", "events, with level and car"),
+        (
+            "`/phases`",
+            "`/phases/*`, `/hypotheses/*`",
+            "as it changes",
+            "states: decision, safety, actuation, hypotheses",
+        ),
+        (
+            "attachments",
+            "`/run/*`, properties",
+            "once",
+            "scenario, MJCF, manifest, summary; report (Rerun), layout (Foxglove)",
+        ),
+    ]
+    head = ["| MCAP topic | Rerun entity | rate | what it is |", "|---|---|---|---|"]
+    return "\n".join([*head, *("| " + " | ".join(row) + " |" for row in rows), ""])

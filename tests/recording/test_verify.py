@@ -1,0 +1,275 @@
+"""``verify`` accepts what a run writes, and nothing that was changed since."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import mjmerge.record.read
+from mjmerge import share
+from mjmerge.errors import UnreadableError
+from mjmerge.loader import load
+from mjmerge.record import FORMATS, Outcome
+from mjmerge.record.again import header, outcome, posed
+from mjmerge.record.digest import digests
+from mjmerge.record.read import Recorded, read
+from mjmerge.record.scene import Scene
+from mjmerge.record.verify import Verified, verify
+from mjmerge.run import run
+from mjmerge.trace import Array
+
+KINDS = ("mcap", "rrd")
+
+RUNS: dict[str, dict[str, Any]] = {
+    "mujoco": {"scenario": "paper", "plant": "mujoco"},
+    "bicycle": {"scenario": "charge", "plant": "bicycle"},
+    "points": {"scenario": "flips", "plant": "double_integrator", "seed": 3},
+    "continuous": {"scenario": "charge", "plant": "bicycle", "continuous": True},
+    "no barrier": {"scenario": "paper", "plant": "double_integrator", "set": ["law.k_o=0"]},
+    "ran away": {"scenario": "paper", "plant": "double_integrator", "set": ["law.k_v=500"]},
+    "gated": {"scenario": "blocked", "plant": "double_integrator", "set": ["law.variant=gated"]},
+    "on ice": {"scenario": "charge", "plant": "mujoco", "set": ["mismatch.friction=0.1"]},
+    "touched in continuous time": {
+        "scenario": "paper",
+        "plant": "double_integrator",
+        "continuous": True,
+        "set": [
+            "initial.ego.front_m=[-0.9, 0.0]",
+            "initial.ego.speed_mps=0.0",
+            "law.k_o=0.001",
+            "law.k_p=0",
+            "law.k_v=0",
+        ],
+    },
+}
+
+
+def record(folder: Path, name: str, duration_s: float = 1.2) -> Path:
+    given = dict(RUNS[name])
+    overrides = [f"duration_s={duration_s}", *given.pop("set", ())]
+    run(load(given.pop("scenario"), overrides), given.pop("plant"), folder=folder, **given)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    folders: dict[str, Path] = {}
+
+    def of(name: str) -> Path:
+        if name not in folders:
+            folders[name] = record(tmp_path_factory.mktemp("run"), name)
+        return folders[name]
+
+    return of
+
+
+def wrong(found: Verified) -> set[str]:
+    return {check.name for check in found.checks if check.right is False}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", RUNS)
+def test_what_a_run_writes_is_right(recorded, name: str, kind: str) -> None:
+    found = verify(recorded(name) / f"run.{kind}")
+    assert found.right, found.checks
+    assert found.verdict is not None
+    assert found.verdict.verdict == found.recorded.verdict
+
+
+def test_the_runs_are_as_different_as_they_are_called(recorded) -> None:
+    def read_(name: str) -> Recorded:
+        return read(recorded(name) / "run.mcap")
+
+    assert read_("ran away").summary["stops"]
+    assert read_("touched in continuous time").summary["stops"][0]["touched"]
+    assert len(read_("ran away").ticks) < 121
+    assert np.isnan(read_("points").columns["clearance_m"]).all()
+    assert read_("continuous").manifest["continuous"]
+
+
+@pytest.mark.parametrize("name", share.scenarios())
+def test_shipped_scenarios_are_recorded_rightly(tmp_path: Path, name: str) -> None:
+    run(load(name, ["duration_s=0.6"]), "mujoco", folder=tmp_path)
+    assert [verify(tmp_path / f"run.{kind}").right for kind in KINDS] == [True, True]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_worst_of_many_runs_is_right_too(tmp_path: Path, kind: str) -> None:
+    run(load("flips", ["duration_s=0.5"]), "double_integrator", runs=3, folder=tmp_path)
+    assert verify(tmp_path / f"run.{kind}").right
+
+
+class Forger:
+    """Writes a recording again with something changed, as whoever wanted to deceive would."""
+
+    def __init__(self, path: Path) -> None:
+        self.found = read(path)
+        self.about = header(self.found)
+        self.scene = Scene(self.about.model, self.about.scenario.law.r_m)
+        self.block = posed(self.found, self.about, self.scene)
+        self.true = outcome(self.found, self.found.trace())
+
+    def write(self, folder: Path, change: Callable[[dict[str, Array]], None], **claims: Any) -> Path:
+        """``change`` gets copies of the columns; ``claims`` replace fields of the outcome."""
+        columns = {name: values.copy() for name, values in self.block.block.columns.items()}
+        change(columns)
+        block = replace(self.block, block=replace(self.block.block, columns=columns))
+        return self.store(folder, block, replace(self.true, **claims))
+
+    def store(self, folder: Path, block, end: Outcome) -> Path:
+        path = folder / f"forged.{self.found.kind}"
+        path.unlink(missing_ok=True)
+        recorder = FORMATS[f"run.{self.found.kind}"](path, self.about, self.scene)
+        recorder.write(block)
+        recorder.close(end)
+        return path
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def forger(request, recorded) -> Forger:
+    return Forger(recorded("mujoco") / f"run.{request.param}")
+
+
+def unchanged(columns: Mapping[str, Array]) -> None:
+    pass
+
+
+def test_what_is_written_again_unchanged_is_right(forger: Forger, tmp_path: Path) -> None:
+    assert verify(forger.write(tmp_path, unchanged)).right
+
+
+@given(st.integers(0, 119), st.integers(0, 2), st.integers(0, 1), st.sampled_from([-1e-6, 1e-6]))
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_one_position_changed_by_a_micrometre_is_found(
+    forger: Forger, tmp_path: Path, tick: int, car: int, axis: int, by_m: float
+) -> None:
+    def change(columns: dict[str, Array]) -> None:
+        columns["front_m"][tick, car, axis] += by_m
+
+    found = verify(forger.write(tmp_path, change))
+    assert "fingerprints" in wrong(found)
+    assert wrong(found) & {"distances", "law"}
+    assert "front_m" in next(c.says for c in found.checks if c.name == "fingerprints")
+
+
+@given(st.integers(0, 119), st.integers(0, 2), st.integers(0, 1))
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_it_is_found_even_with_fingerprints_to_match(
+    forger: Forger, tmp_path: Path, tick: int, car: int, axis: int
+) -> None:
+    forged: dict[str, Array] = {}
+
+    def change(columns: dict[str, Array]) -> None:
+        columns["front_m"][tick, car, axis] += 1e-6
+        forged.update(columns)
+
+    change({name: values.copy() for name, values in forger.block.block.columns.items()})
+    marks = digests({"time_s": forger.found.columns["time_s"], **forged})
+    found = verify(forger.write(tmp_path, change, digests=marks))
+    assert "fingerprints" not in wrong(found)
+    assert wrong(found) & {"distances", "law"}
+
+
+@pytest.mark.parametrize("column", ["opinion", "mu", "u_n_mps2", "u_c_mps2", "weight", "velocity_mps"])
+def test_other_numbers_are_held_against_the_law(forger: Forger, tmp_path: Path, column: str) -> None:
+    def change(columns: dict[str, Array]) -> None:
+        columns[column].flat[columns[column].size // 2] += 1e-6
+
+    assert wrong(verify(forger.write(tmp_path, change))) & {"law", "opinion", "distances"}
+
+
+@pytest.mark.parametrize("verdict", ["vacuous", "held", "refuted", "incomplete"])
+def test_a_swapped_verdict_is_found(forger: Forger, tmp_path: Path, verdict: str) -> None:
+    found = verify(forger.write(tmp_path, unchanged, verdict=verdict))
+    assert wrong(found) == (set() if verdict == forger.true.verdict else {"verdict"})
+
+
+def test_a_prettier_margin_is_found(forger: Forger, tmp_path: Path) -> None:
+    margins = {**forger.true.summary, "min_distance_m": {"vehicle_1": 1.4, "vehicle_2": 0.9}}
+    found = verify(forger.write(tmp_path, unchanged, summary=margins))
+    assert wrong(found) == {"margins"}
+    assert "min_distance_m.vehicle_1" in next(c.says for c in found.checks if c.name == "margins")
+
+
+def test_an_event_kept_quiet_is_found(forger: Forger, tmp_path: Path) -> None:
+    assert wrong(verify(forger.write(tmp_path, unchanged, events=()))) == {"events"}
+
+
+@pytest.mark.parametrize("tick", [0, 57, 120])
+def test_a_removed_tick_is_found(forger: Forger, tmp_path: Path, tick: int) -> None:
+    keep = np.arange(len(forger.found.ticks)) != tick
+    block = forger.block.block
+    thinned = replace(
+        block,
+        ticks=block.ticks[keep],
+        time_s=block.time_s[keep],
+        columns={name: values[keep] for name, values in block.columns.items()},
+        qpos=block.qpos[keep],
+    )
+    drawn = forger.block.drawn[forger.block.drawn < 50]
+    short = replace(
+        forger.block,
+        block=thinned,
+        time_ns=forger.block.time_ns[keep],
+        drawn=drawn,
+        pos_m=forger.block.pos_m[: len(drawn)],
+        quat=forger.block.quat[: len(drawn)],
+    )
+    found = verify(forger.store(tmp_path, short, forger.true))
+    assert "fingerprints" in wrong(found)
+    assert wrong(found) & {"time", "length"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_file_of_another_schema_is_named(recorded, monkeypatch, kind: str) -> None:
+    monkeypatch.setattr(mjmerge.record.read, "SCHEMA_VERSION", 99)
+    monkeypatch.setattr("mjmerge.record.verify.SCHEMA_VERSION", 99)
+    found = verify(recorded("points") / f"run.{kind}")
+    assert wrong(found) == {"schema"}
+    assert "99" in found.checks[-1].says
+
+
+@given(part=st.floats(0.0, 0.9999), kind=st.sampled_from(KINDS))
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_truncated_file_is_found_and_said_to_be_unfinished(
+    recorded, tmp_path: Path, part: float, kind: str
+) -> None:
+    data = (recorded("points") / f"run.{kind}").read_bytes()
+    cut = tmp_path / f"cut.{kind}"
+    cut.write_bytes(data[: int(part * len(data))])
+    try:
+        found = verify(cut)
+    except UnreadableError:
+        assert part < 0.5  # not even what the run was
+    else:
+        assert "file" in wrong(found)
+        assert "unfinished" in found.checks[0].says
+
+
+@given(at=st.floats(0.0, 0.9999), bit=st.integers(0, 7), kind=st.sampled_from(KINDS))
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_file_is_found_or_unreadable_but_never_a_crash(
+    recorded, tmp_path: Path, at: float, bit: int, kind: str
+) -> None:
+    data = bytearray((recorded("points") / f"run.{kind}").read_bytes())
+    data[int(at * len(data))] ^= 1 << bit
+    damaged = tmp_path / f"damaged.{kind}"
+    damaged.write_bytes(data)
+    with suppress(UnreadableError):
+        verify(damaged)
+
+
+@pytest.mark.parametrize("content", [b"", b"a scenario?\n", b"\x89MCAP0\r\n", b"RRF2"])
+def test_what_is_no_recording_is_unreadable(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "what.mcap"
+    path.write_bytes(content)
+    with pytest.raises(UnreadableError, match=r"what\.mcap"):
+        verify(path)
