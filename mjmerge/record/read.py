@@ -125,6 +125,7 @@ class Recorded:
             scenario=scenario,
             plant=str(self.manifest["plant"]),
             seeds=np.array([self.manifest["seed"]]),
+            mismatch=(scenario.mismatch,),
             stops=tuple(Stop(0, s["time_s"], s["car"], s["reason"], s.get("touched", False)) for s in stops),
             continuous=bool(self.manifest["continuous"]),
             time_s=np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s,
