@@ -8,7 +8,7 @@ simulation; what no mismatch touches stays shared.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import cos, sin
 
@@ -65,15 +65,20 @@ class Truth:
         kinds: dict[Mismatch, int] = {}
         which = [kinds.setdefault(_physical(m), len(kinds)) for m in mismatch or ()]
         at = np.array(which if len(kinds) > 1 else [0])
-        models = [altered(world, kind) for kind in kinds] or [world.model]
-        rows = [_numbers(world, *both) for both in zip(models, kinds or (None,), strict=True)]
+        rows, differences = [], []
+        for kind in kinds or (None,):
+            model = world.model if kind is None else altered(world, kind)
+            rows.append(_numbers(world, model, kind))
+            differences.append(_differences(world.model, model))
 
         def stacked(name: str) -> Array:
             found: Array = np.stack([row[name] for row in rows])[at]
             return found
 
-        names = {name for model in models for name in _differences(world.model, model)}
-        changed = {name: np.stack([_field(model, name) for model in models])[at] for name in sorted(names)}
+        changed = {
+            name: np.stack([found.get(name, _field(world.model, name)) for found in differences])[at]
+            for name in sorted(set().union(*differences))
+        }
         tyres = {f.name: stacked(f.name) for f in fields(Tyres) if f.name != "step_s"}
         numbers = {f.name: stacked(f.name) for f in fields(cls) if f.name not in ("changed", "tyres")}
         step_s = float(world.model.opt.timestep)
@@ -216,13 +221,12 @@ def _field(model: mujoco.MjModel, name: str) -> Array:
     return found
 
 
-def _differences(world: mujoco.MjModel, model: mujoco.MjModel) -> Iterator[str]:
-    """Fields of the model that are not the world's."""
+def _differences(world: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, Array]:
+    """Fields of the model that are not the world's: copies, which do not keep the model alive."""
     if model is world:
-        return
-    for name in [*_FIELDS, "opt.gravity"]:
-        if not np.array_equal(_field(world, name), _field(model, name)):
-            yield name
+        return {}
+    pairs = ((name, _field(world, name), _field(model, name)) for name in (*_FIELDS, "opt.gravity"))
+    return {name: mine.copy() for name, theirs, mine in pairs if not np.array_equal(theirs, mine)}
 
 
 def _numbers(world: World, model: mujoco.MjModel, mismatch: Mismatch | None) -> dict[str, Array]:

@@ -207,12 +207,15 @@ def test_a_hold_too_long_for_the_distance_breaks_exactly_that(calm):
 
 
 def test_a_delay_too_long_for_the_distance_breaks_exactly_that_and_only_where_there_is_one(calm):
-    """2 k_o tau/pi = 64 mm at 100 ms; only the mujoco plant has a delay."""
+    """2 k_o tau/pi = 64 mm at 100 ms, on every plant; in continuous time there is no delay."""
     delay = ["mismatch.command_delay_s=0.1"]
     assert broken(calm(distance_m=dipping(0.06), overrides=delay)) == {"delay small against d"}
     assert broken(calm(distance_m=dipping(0.07), overrides=delay)) == set()
     assert broken(calm(distance_m=dipping(0.06))) == set()
-    assert broken(calm(distance_m=dipping(0.06), overrides=delay, plant="bicycle")) == set()
+    assert broken(calm(distance_m=dipping(0.06), overrides=delay, plant="bicycle")) == {
+        "delay small against d"
+    }
+    assert broken(calm(distance_m=dipping(0.06), overrides=delay, plant="bicycle", continuous=True)) == set()
 
 
 def only(trace):

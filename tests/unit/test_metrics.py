@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from mjmerge.metrics import MERGED_M, events, merged_at_s, saturated
+from mjmerge.metrics import (
+    MERGED_M,
+    clear_ticks_without_margin,
+    events,
+    merged_at_s,
+    saturated,
+    touching_ticks_in_margin,
+)
 from mjmerge.trace import Stop
 
 
@@ -124,3 +131,31 @@ def test_least_distances_ignore_missing_ticks_but_do_not_invent_any(make_trace):
     d[0, 4, 0] = 0.2
     least = make_trace(runs=2, distance_m=d).min_distance_m
     assert least == pytest.approx(np.array([[0.2, 0.7], [np.nan, np.nan]]), nan_ok=True)
+
+
+def test_a_touch_counts_with_its_impulse_and_speed_even_between_two_ticks(make_trace):
+    impulse, speed = np.zeros((1, 100, 3)), np.zeros((1, 100, 3))
+    impulse[0, [50, 52], 0] = 1.5, 0.25
+    speed[0, [50, 52], 0] = 0.8, 0.1
+    trace = make_trace(
+        ticks=100, clearance_m=0.1, distance_m=0.1, contact_impulse_n_s=impulse, contact_speed_mps=speed
+    )
+    assert np.argwhere(trace.touching).tolist() == [[0, 50, 0], [0, 52, 0]]
+    (touch,) = texts(trace)
+    assert touch[:3] == (0.5, "error", "ego")
+    assert "touches vehicle_1 at 0.80 m/s, 1.75 N s" in touch[3]
+
+
+def test_the_margin_is_compared_with_the_bodies_tick_by_tick_and_run_by_run(make_trace):
+    d, clearance, impulse = np.full((2, 10, 2), 0.1), np.full((2, 10, 3), 0.1), np.zeros((2, 10, 3))
+    clearance[0, :3, 0] = -0.01  # touching, with d_1 > 0
+    impulse[0, 3, 0] = 1.0
+    clearance[0, :5, 2] = -0.01  # the neighbours' affair
+    d[1, :7, 1] = -0.05  # d_2 <= 0
+    clearance[1, :2, 1] = 0.0  # touching in two of those
+    trace = make_trace(ticks=10, runs=2, distance_m=d, clearance_m=clearance, contact_impulse_n_s=impulse)
+    assert touching_ticks_in_margin(trace).tolist() == [[4, 0], [0, 0]]
+    assert clear_ticks_without_margin(trace).tolist() == [[0, 0], [0, 5]]
+    without_bodies = make_trace(ticks=10, runs=2, distance_m=d)
+    assert not touching_ticks_in_margin(without_bodies).any()
+    assert not clear_ticks_without_margin(without_bodies).any()

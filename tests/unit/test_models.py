@@ -106,7 +106,7 @@ def test_tyres_that_are_not_spheres_are_refused_with_the_reason(car, name):
 
 
 def test_a_missing_sensor_is_named(car):
-    sensor = '<framezaxis name="up_axis" objtype="body" objname="chassis"/>'
+    sensor = '<framezaxis name="up_axis" objtype="xbody" objname="chassis"/>'
     assert "no sensor called 'up_axis'" in refused(car(shared=[(sensor, "")]))
 
 
