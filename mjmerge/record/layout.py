@@ -73,7 +73,7 @@ def blueprint(
             ),
             rrb.StateTimelineView(name="Phases", origin="/phases"),
             rrb.StateTimelineView(name="Contract: the theorem's hypotheses", origin="/hypotheses"),
-            row_shares=[8, 4, 13],
+            row_shares=[7, 5, 13],
         ),
         timeline=timeline,
         live=live,

@@ -67,7 +67,7 @@ def _connect(url: str) -> ViewerClient:
             return client
 
 
-def open_headless(rrd: Path, png: Path, time_s: float) -> list[str]:
+def open_headless(rrd: Path, png: Path, time_s: float, timeline: str = "sim_time") -> list[str]:
     """Shows a recording at a time and takes a picture.
 
     Returns:
@@ -76,7 +76,7 @@ def open_headless(rrd: Path, png: Path, time_s: float) -> list[str]:
     with headless_viewer() as viewer:
         viewer.open(str(rrd))
         await_views(viewer)
-        viewer.set_time("sim_time", duration=time_s, play_state="paused")
+        viewer.set_time(timeline, duration=time_s, play_state="paused")
         time.sleep(_SETTLE_S)
         viewer.save_screenshot(str(png))
         return complaints(viewer)
