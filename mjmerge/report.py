@@ -135,7 +135,8 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("saturated", ", ".join(busy) or "never")
     grid.add_row("hypotheses", _broken(found["hypotheses"]))
     grid.add_row("decision", _hesitation(found["decision"]))
-    grid.add_row("verdict", f"{found['verdict']}: {found['verdict_reason']}")
+    reasons = [found["verdict_reason"], *found.get("verdict_doubts", ())]
+    grid.add_row("verdict", f"{found['verdict']}: {'; but '.join(reasons)}")
     if found["runs"] > 1:
         grid.add_row("verdicts", ", ".join(f"{n} {v}" for v, n in found["verdicts"].items()))
         grid.add_row("worst run", f"seed {found['worst_seed']}")

@@ -154,7 +154,7 @@ def run(
         found = summary(trace, verdicts, time.perf_counter() - began)
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
-        found |= _on_cars(found["verdict_reason"], _accepted(scenario, plant))
+        found |= _on_cars(_accepted(scenario, plant))
         for receiver in (recording, viewer):
             if receiver is not None:
                 receiver.close(_outcome(trace, verdicts[0], found))
@@ -182,10 +182,10 @@ def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
     return {c.model: {"state": c.state, "failed": c.failed, "versions": dict(c.versions)} for c in cars}
 
 
-def _on_cars(reason: str, cars: Sequence[Acceptance]) -> dict[str, Any]:
+def _on_cars(cars: Sequence[Acceptance]) -> dict[str, Any]:
     """The part of the summary that says what its verdict stands on."""
     doubts = [car.sentence for car in cars if car.sentence]
-    return {"verdict_reason": "; but ".join([reason, *doubts]), "acceptance": _provenance(cars)}
+    return {"verdict_doubts": doubts, "acceptance": _provenance(cars)}
 
 
 def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous: bool) -> Header:
@@ -242,7 +242,7 @@ def _record_again(
         )
         (verdict,) = judge(alone)
         found = summary(alone, [verdict], 1.0)
-        found |= _on_cars(found["verdict_reason"], _accepted(scenario, trace.plant))
+        found |= _on_cars(_accepted(scenario, trace.plant))
         recording.close(_outcome(alone, verdict, found))
     return recording.failures
 

@@ -18,7 +18,11 @@ def finished(header: Header, outcome: Outcome) -> str:
     """The report of a run: verdict, what decides it, events that matter, everything else, origin."""
     found = outcome.summary
     worst = [f"- {e.time_s:.2f} s, {e.car or 'run'}: {e.text}" for e in outcome.events if e.level != "info"]
-    reason = f": {found['verdict_reason']}" if "verdict_reason" in found else ""
+    reasons = [
+        *([found["verdict_reason"]] if "verdict_reason" in found else []),
+        *found.get("verdict_doubts", ()),
+    ]
+    reason = f": {'; but '.join(reasons)}" if reasons else ""
     return "\n".join(
         [
             _title(header),

@@ -22,6 +22,7 @@ from mjmerge.record.digest import digests
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, versions
 from mjmerge.record.read import Recorded, read
 from mjmerge.report import summary
+from mjmerge.sensing import exact
 from mjmerge.state import dot, norm
 from mjmerge.trace import COLUMNS, Array, Trace
 
@@ -239,6 +240,10 @@ def _distances(found: Recorded, trace: Trace) -> Check:
 
 def _commands(found: Recorded, trace: Trace) -> Check:
     """The law says what the ego was told, from what it saw and its opinion."""
+    if not exact(trace.scenario.mismatch):
+        return Check(
+            "law", None, "not checked: the ego was not told the truth, and what it was told is not here"
+        )
     c = found.columns
     p, v, u = c["front_m"], c["velocity_mps"], c["u_mps2"]
     sensed = Sensed(p=p[:, 0], v=v[:, 0], p_j=p[:, 1:], v_j=v[:, 1:], u_1=u[:, 1])

@@ -27,7 +27,7 @@ def test_a_car_that_was_never_measured_is_named(own):
     (own / "acceptance.json").unlink(missing_ok=True)
     found = summary(own)
     assert found["acceptance"]["own"]["state"] == "missing"
-    assert "own has never passed acceptance tests" in found["verdict_reason"]
+    assert found["verdict_doubts"] == ["own has never passed acceptance tests"]
 
 
 def test_a_car_that_was_edited_since_is_named(own):
@@ -36,7 +36,7 @@ def test_a_car_that_was_edited_since_is_named(own):
     sheet.write_text(sheet.read_text() + "# edited\n")
     found = summary(own)
     assert found["acceptance"]["own"]["state"] == "stale"
-    assert "own was edited after its acceptance tests" in found["verdict_reason"]
+    assert found["verdict_doubts"] == ["own was edited after its acceptance tests"]
 
 
 @pytest.mark.parametrize("name", sorted(share.models()))

@@ -36,6 +36,11 @@ RUNS: dict[str, dict[str, Any]] = {
     "no barrier": {"scenario": "paper", "plant": "double_integrator", "set": ["law.k_o=0"]},
     "ran away": {"scenario": "paper", "plant": "double_integrator", "set": ["law.k_v=500"]},
     "gated": {"scenario": "blocked", "plant": "double_integrator", "set": ["law.variant=gated"]},
+    "noisy": {
+        "scenario": "charge",
+        "plant": "mujoco",
+        "set": ["mismatch.neighbour_position_noise_m=0.01", "mismatch.sensing_delay_s=0.02"],
+    },
     "on ice": {"scenario": "charge", "plant": "mujoco", "set": ["mismatch.friction=0.1"]},
     "touched in continuous time": {
         "scenario": "paper",
