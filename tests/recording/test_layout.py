@@ -69,7 +69,7 @@ def test_a_damaged_array_is_refused() -> None:
     ends = pa.py_buffer(np.array([0, 99], np.int32))
     kind, numbers = pa.list_(pa.float64()), pa.array([1.0])
     damaged = pa.Array.from_buffers(kind, 1, [None, ends], children=[numbers])
-    with pytest.raises(ValueError, match="list offsets"):
+    with pytest.raises(ValueError, match="offset"):
         arrow.numbers(damaged)
 
 
