@@ -74,7 +74,12 @@ def structs(message: str, rows: Array) -> list[Ready]:
 
 
 def numbers(values: pa.Array) -> Array:
-    """The way back: all doubles of the messages, (B, doubles), in the order of ``schema.layout``."""
+    """The way back: all doubles of the messages, (B, doubles), in the order of ``schema.layout``.
+
+    Raises:
+        ValueError: the array is damaged.
+    """
+    values.validate(full=True)  # of a damaged file it may point anywhere
     leaves: list[Array] = []
 
     def gather(array: pa.Array) -> None:

@@ -76,9 +76,9 @@ class McapRecorder:
 
     def _send(self, topic: str, rows: Array, time_ns: NDArray[np.int64]) -> None:
         """A message per row; one topic after the other compresses better than tick by tick."""
-        log = self._channels[topic].log
+        log = self._channels[topic].base.log  # without a look at what kind of message it is
         for data, at in zip(self._layouts[topic].encode(rows, time_ns), time_ns.tolist(), strict=True):
-            log(data, log_time=at)
+            log(data, at)
 
     def _discs(self, posed: PosedBlock) -> None:
         """Draws a disc anew where its colour changes."""

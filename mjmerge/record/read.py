@@ -244,6 +244,7 @@ def _rows(ticks: Ticks, wanted: Ticks) -> NDArray[np.intp]:
 
 def _mcap_records(path: Path, found: _Found) -> Iterator[Any]:
     """Records up to the end, or to the first that cannot be read."""
+    from mcap.exceptions import EndOfFile
     from mcap.records import Footer
     from mcap.stream_reader import StreamReader
 
@@ -253,6 +254,8 @@ def _mcap_records(path: Path, found: _Found) -> Iterator[Any]:
             for record in StreamReader(file, validate_crcs=True, record_size_limit=size).records:
                 found.finished |= isinstance(record, Footer)
                 yield record
+        except EndOfFile:
+            found.finished, found.fault = False, "it ends within a record"
         except Exception as error:  # whatever the bytes of a damaged file lead to
             found.finished = False
             found.fault = str(error) or type(error).__name__
@@ -430,7 +433,10 @@ def _gather_rrd(path: Path) -> _Found:
     for entity, batch in _batches(path, found):
         names = set(batch.schema.names)
         if entity in messages and messages[entity] in names:
-            parts[entity].append((time_ns_of(batch), arrow.numbers(batch[messages[entity]])))
+            try:
+                parts[entity].append((time_ns_of(batch), arrow.numbers(batch[messages[entity]])))
+            except ValueError as error:
+                found.fault = f"{entity}: {error}"
         elif entity in texts and "TextDocument:text" in names:
             found.texts[texts[entity]] = one(batch, "TextDocument:text")
         elif entity == "/__properties/run" and "manifest" in names:

@@ -113,7 +113,7 @@ class Scene:
         self._model = model
         self.r_m = r_m
         self.paint = {car: np.asarray(model.material(f"{car}/paint").rgba, float) for car in CARS}
-        data = mujoco.MjData(model)
+        self._data = data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         drawn = [g for g in range(model.ngeom) if model.geom_group[g] in _DRAWN_GROUPS]
         drawn = [g for g in drawn if int(model.geom_type[g]) in _KINDS and _rgba(model, g)[3] > 0]
@@ -166,12 +166,13 @@ class Scene:
         pos_m = np.zeros((count, len(self.frames), 3))
         quat = np.zeros((count, len(self.frames), 4))
         quat[..., 0] = 1.0
-        data = mujoco.MjData(self._model)
+        data = self._data
+        qpos, xpos, xquat = data.qpos, data.xpos, data.xquat
         for k, tick in enumerate(ticks):
-            data.qpos = block.qpos[tick]
+            qpos[:] = block.qpos[tick]
             mujoco.mj_kinematics(self._model, data)
-            pos_m[k, :bodies] = data.xpos[self._bodies]
-            quat[k, :bodies] = data.xquat[self._bodies]
+            pos_m[k, :bodies] = xpos[self._bodies]
+            quat[k, :bodies] = xquat[self._bodies]
         pos_m[:, bodies : bodies + len(CARS), :2] = block.columns["front_m"][ticks]
         pos_m[:, -2, :2] = block.columns["target_m"][ticks]
         pos_m[:, -1, 0] = block.columns["front_m"][ticks, 0, 0]

@@ -1,0 +1,133 @@
+"""What is plotted and drawn exists, is coloured by what it says, and comes from the declarations."""
+
+from __future__ import annotations
+
+import json
+from functools import reduce
+from operator import getitem
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjmerge.errors import OutputError
+from mjmerge.loader import load
+from mjmerge.record import Header, Keep, arrow, foxglove_layout, plots, schema
+from mjmerge.record.base import join, pose
+from mjmerge.record.compare import Side, write_comparison
+from mjmerge.record.scene import CAMERA, TARGET, Scene, closeness
+from mjmerge.run import selected
+from mjmerge.trace import BLOCK_S, block_ticks
+from mjmerge.world import build
+
+from .conftest import MakeBlocks
+from .test_recording import columns
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    scenario = load("paper")
+    return Scene(build(scenario).model, scenario.law.r_m)
+
+
+def test_every_plotted_field_is_in_its_message(scene: Scene) -> None:
+    for plot in plots.everything(load("paper"), scene.paint):
+        for line in plot.lines:
+            message = schema.LAW_MESSAGE if line.topic == schema.LAW_TOPIC else schema.CAR_MESSAGE
+            fields = {f.name: f.parts for f in schema.MESSAGES[message]}
+            name, _, part = line.field.partition(".")
+            assert part in (fields[name] or ("",)), line
+
+
+def test_the_published_foxglove_layout_is_current(scene: Scene) -> None:
+    text = foxglove_layout.text(load("paper"), scene.paint)
+    assert foxglove_layout.FILE.read_text(encoding="utf-8") == text, "write it to foxglove_layout.FILE"
+    assert "/law.distance_m.vehicle_2" in text
+    json.loads(text)
+
+
+@given(st.integers(1, 70), st.integers(0, 2**32 - 1))
+def test_messages_as_arrow_come_back_bit_for_bit(count: int, seed: int) -> None:
+    doubles = schema.layout(schema.CAR_MESSAGE).doubles
+    bits = np.random.default_rng(seed).integers(0, 2**64, (count, doubles), np.uint64)
+    rows = bits.view(np.float64)  # NaN of all kinds among them
+    (column,) = arrow.structs(schema.CAR_MESSAGE, rows)
+    array = column.as_arrow_array()
+    assert arrow.numbers(array).tobytes() == rows.tobytes()
+    message = array[count - 1].as_py()[0]
+    for at, field in enumerate(f.name for f in schema.MESSAGES[schema.CAR_MESSAGE] if not f.parts):
+        assert field in message, at
+    front = reduce(getitem, ("front_m", "y"), message)
+    names = [f"{f.name}.{p}" for f in schema.MESSAGES[schema.CAR_MESSAGE] for p in f.parts or ("",)]
+    assert np.array_equal(front, rows[-1, names.index("front_m.y")], equal_nan=True)
+
+
+def test_a_damaged_array_is_refused() -> None:
+    ends = pa.py_buffer(np.array([0, 99], np.int32))
+    kind, numbers = pa.list_(pa.float64()), pa.array([1.0])
+    damaged = pa.Array.from_buffers(kind, 1, [None, ends], children=[numbers])
+    with pytest.raises(ValueError, match="offset"):
+        arrow.numbers(damaged)
+
+
+@pytest.mark.parametrize(("d_m", "state"), [(0.4, 0), (0.29, 1), (1e-9, 1), (0.0, 2), (-0.1, 2), (np.nan, 0)])
+def test_a_disc_is_coloured_by_d(d_m: float, state: int) -> None:
+    assert closeness(np.array([[d_m]]), r_m=0.6) == state
+    assert closeness(np.array([[10 * d_m]]), r_m=6.0) == state
+
+
+@pytest.mark.parametrize("step_s", [0.001, 0.01, 0.03, 0.1, 0.5, 1.0])
+def test_a_block_loses_no_more_than_half_a_second(step_s: float) -> None:
+    ticks = block_ticks(step_s)
+    assert ticks == 1 or ticks * step_s <= BLOCK_S + 1e-9
+    assert (ticks + 1) * step_s > BLOCK_S
+
+
+def test_the_ghost_is_the_ego_on_the_road(scene: Scene) -> None:
+    frames = {f.name: f for f in scene.frames}
+    ego = [s for name, f in frames.items() if name.startswith("ego/") for s in f.shapes]
+    ghost = frames[TARGET].shapes
+    assert [s.kind for s in ghost] == [s.kind for s in ego]
+    assert all(s.rgba[3] < 0.5 for s in ghost)
+    wheels = [s for s in ghost if s.kind == "cylinder"]
+    assert min(s.pos_m[2] - s.half_size_m[0] for s in wheels) == pytest.approx(0, abs=0.02)
+    assert frames[CAMERA].shapes == ()
+
+
+def test_joined_blocks_are_the_whole_run(header: Header, make_blocks: MakeBlocks) -> None:
+    blocks = make_blocks(3, 50, 1, 8)
+    scene = Scene(header.model, 0.6)
+    whole = join([pose(b, scene, 0.01) for b in blocks])
+    for name, values in columns(blocks).items():
+        told = whole.block.time_s if name == "time_s" else whole.block.columns[name]
+        assert told.tobytes() == values.tobytes(), name
+    assert whole.block.ticks[whole.drawn].tolist() == list(range(0, 62, 4))
+    assert whole.pos_m.shape[:2] == whole.quat.shape[:2] == (16, len(scene.frames))
+
+
+class Judged:
+    def __init__(self, floor_held: bool) -> None:
+        self.floor_held = floor_held
+
+
+def test_worst_median_and_three_violations_are_selected(make_trace) -> None:
+    least = np.array([0.3, -0.1, 0.5, 0.04, 0.2, -0.2, 0.01, 0.02])
+    trace = make_trace(ticks=3, runs=8, distance_m=least[:, None, None])
+    found = selected(trace, [Judged(d >= 0.05) for d in least])
+    assert found == {"run": 5, "median": 7, "violation-1": 1, "violation-6": 6, "violation-3": 3}
+
+
+def test_a_comparison_is_not_written_over_a_file(
+    tmp_path: Path, header: Header, make_blocks: MakeBlocks
+) -> None:
+    keep = Keep(header)
+    for block in make_blocks(20, 5):
+        keep.write(block)
+    sides = [Side(label, header, keep.posed(), None) for label in ("ideal", "ideal")]
+    write_comparison(tmp_path / "c.rrd", sides)
+    assert [p.name for p in tmp_path.iterdir()] == ["c.rrd"]
+    with pytest.raises(OutputError, match="not overwritten"):
+        write_comparison(tmp_path / "c.rrd", sides)
