@@ -155,7 +155,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Check:
-    """Run the regression gate. Exit code 0: floors and baselines hold; 1: not; 3: a simulation stopped."""
+    """Run the regression gate. Exit code 0: floors and baselines hold; 1: not all; 3: a run stopped."""
 
     scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """Scenario files with a gate, or folders of them; by default the shipped ones."""

@@ -9,7 +9,12 @@ import numpy as np
 
 from mjmerge.contract import VACUOUS, Verdict
 from mjmerge.decision import decision
-from mjmerge.metrics import merged_at_s, saturated
+from mjmerge.metrics import (
+    clear_ticks_without_margin,
+    merged_at_s,
+    saturated,
+    touching_ticks_in_margin,
+)
 from mjmerge.state import Array
 from mjmerge.trace import Trace
 
@@ -25,6 +30,8 @@ NUMBERS = (
     "contact_impulse_n_s",
     "contact_speed_mps",
     "first_contact_s",
+    "touching_in_margin_s",
+    "clear_without_margin_s",
     "unsafe_at_s",
     "broken_at_s",
     "stopped_at_s",
@@ -36,7 +43,10 @@ NUMBERS = (
     "straddling_s",
     "least_z",
 )
-"""Columns that are numbers, or null where there is none; contacts are those of the ego."""
+"""Columns that are numbers, or null where there is none; contacts are those of the ego.
+
+For so long bodies touched though d_j > 0, or stayed clear though d_j <= 0, both neighbours together.
+"""
 TEXTS = ("outcome", "verdict", "first_broken", "stopped")
 """Columns that are text; ``first_broken`` is the first hypothesis that broke, if any."""
 FLAGS = ("floor_held", "underflow")
@@ -54,6 +64,10 @@ def rows(trace: Trace, verdicts: Sequence[Verdict]) -> list[Row]:
     merged = merged_at_s(trace)
     busy_s = saturated(trace)[:, :, 0].sum(axis=1) * trace.scenario.control_step_s
     impulse, speed, first = _contacts(trace)
+    step_s = trace.scenario.control_step_s
+    bodies = ~np.isnan(clearance)
+    touching_s = np.where(bodies, touching_ticks_in_margin(trace).sum(axis=1) * step_s, np.nan)
+    clear_s = np.where(bodies, clear_ticks_without_margin(trace).sum(axis=1) * step_s, np.nan)
     stops = {stop.run: stop for stop in trace.stops}
     found: list[Row] = []
     for i, (verdict, decided) in enumerate(zip(verdicts, decision(trace), strict=True)):
@@ -71,6 +85,8 @@ def rows(trace: Trace, verdicts: Sequence[Verdict]) -> list[Row]:
             "contact_impulse_n_s": _known(impulse[i]),
             "contact_speed_mps": _known(speed[i]),
             "first_contact_s": _known(first[i]),
+            "touching_in_margin_s": _known(touching_s[i]),
+            "clear_without_margin_s": _known(clear_s[i]),
             "unsafe_at_s": verdict.unsafe_at_s,
             "first_broken": broken.hypothesis if broken else None,
             "broken_at_s": broken.time_s if broken else None,
@@ -98,7 +114,7 @@ def _contacts(trace: Trace) -> tuple[Array, Array, Array]:
     impulse = trace.contact_impulse_n_s[:, :, :2]
     known: Any = ~np.isnan(impulse).all(axis=(1, 2))
     speed = np.nan_to_num(trace.contact_speed_mps[:, :, :2]).max(axis=(1, 2))
-    touching = np.any(impulse > 0, axis=2)
+    touching = np.any(trace.touching[:, :, :2], axis=2)
     first = np.where(touching.any(axis=1), trace.time_s[np.argmax(touching, axis=1)], np.nan)
     return (
         np.where(known, np.nansum(impulse, axis=(1, 2)), np.nan),

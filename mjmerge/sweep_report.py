@@ -60,8 +60,8 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
             for key, group in groups(rows).items()
         ],
         "stopped": sum(row["stopped"] is not None for row in rows),
-        "touching_in_margin": len(_touching_outside(rows)),
-        "inside_margin_clear": len(_inside_clear(rows)),
+        "touching_with_margin": len(_runs_with("touching_in_margin_s", rows)),
+        "clear_without_margin": len(_runs_with("clear_without_margin_s", rows)),
         "worst": [
             {
                 "run": row["run"],
@@ -138,27 +138,9 @@ def _least(rows: Rows) -> float | None:
     return min(known, default=None)
 
 
-def _touching_outside(rows: Rows) -> Rows:
-    """Runs whose bodies touched with both d_j > 0 throughout."""
-    return [
-        r
-        for r in rows
-        if (r["min_clearance_m"] is not None and r["min_clearance_m"] <= 0)
-        and r["min_distance_m"] is not None
-        and r["min_distance_m"] > 0
-    ]
-
-
-def _inside_clear(rows: Rows) -> Rows:
-    """Runs with d_j <= 0 whose bodies stayed clear."""
-    return [
-        r
-        for r in rows
-        if r["min_clearance_m"] is not None
-        and r["min_clearance_m"] > 0
-        and r["min_distance_m"] is not None
-        and r["min_distance_m"] <= 0
-    ]
+def _runs_with(column: str, rows: Rows) -> Rows:
+    """Rows in which a duration is more than none."""
+    return [row for row in rows if row[column]]
 
 
 def _lines(plan: Plan, rows: Rows, drawn: Sequence[str]) -> Iterator[str]:
@@ -298,13 +280,15 @@ def _collisions(rows: Rows) -> Iterator[str]:
     bodies = [row for row in rows if row["min_clearance_m"] is not None]
     if not bodies:
         return
-    touched = [row for row in bodies if row["min_clearance_m"] <= 0]
+    touched = [row for row in bodies if row["first_contact_s"] is not None]
+    in_margin, clear = (
+        len(_runs_with(name, bodies)) for name in ("touching_in_margin_s", "clear_without_margin_s")
+    )
     yield "## Collisions"
     yield ""
     yield (
-        f"Of {len(bodies)} runs with bodies, the ego touched another car in {len(touched)}; in "
-        f"{len(_touching_outside(rows))} of them with d_j > 0 throughout. In {len(_inside_clear(rows))} runs "
-        "it came inside the margin (d_j <= 0) and its body stayed clear."
+        f"Of {len(bodies)} runs with bodies, the ego touched another car in {len(touched)}; bodies touched "
+        f"while d_j > 0 in {in_margin} runs, and stayed clear while d_j <= 0 in {clear}."
     )
     hardest = max(touched, key=lambda row: row["contact_impulse_n_s"] or 0.0, default=None)
     if hardest is not None and hardest["contact_impulse_n_s"]:

@@ -1,0 +1,140 @@
+"""How much of a sweep is the engine: ``python tests/benchmarks/sweep.py [SECONDS [REPEATS]]``, no test.
+
+A sweep of 256 runs that differ in mismatch, with law, verdicts, rows and files, on 2 processes, is to reach
+0.90 of bare ``mujoco.batch`` stepping of the same model on 2 threads. Beside it stand a Python loop over
+``mj_step`` and, if it is installed, highway-env's merge-v0 (cars as rectangles, at its own 15 Hz).
+
+On a machine that does other things as well, look at the ratio of processor times.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from rich.console import Console
+from rich.table import Table
+
+from mjmerge.campaign import Plan, plan
+from mjmerge.scenario import CARS
+from mjmerge.sweep import sweep
+from mjmerge.world import World, build
+
+RUNS, PROCESSES = 256, 2
+DURATION_S = float(sys.argv[1]) if len(sys.argv) > 1 else 12.0
+REPEATS = int(sys.argv[2]) if len(sys.argv) > 2 else 3
+
+
+def campaign() -> Plan:
+    """256 runs of ``charge``, every one with another mismatch."""
+    axes = {
+        "mismatch.friction": {"uniform": [0.3, 1.0]},
+        "mismatch.load_kg": {"uniform": [0.0, 1.5]},
+        "mismatch.command_delay_s": {"uniform": [0.0, 0.1]},
+        "mismatch.neighbour_position_noise_m": {"uniform": [0.0, 0.05]},
+    }
+    block = {
+        "scenarios": ["charge"],
+        "set": {"duration_s": DURATION_S},
+        "random": {"draws": RUNS, "axes": axes},
+    }
+    return plan({"blocks": [block]})
+
+
+def rolling(world: World, planned: Plan, runs: int) -> tuple[np.ndarray, np.ndarray]:
+    """The cars as they start, (runs, nq) and (runs, nv)."""
+    cars = [getattr(planned.cases[0].batch.scenario.initial, car) for car in CARS]
+    still = np.zeros((1, len(cars)))
+    qpos = world.qpos(np.array([[c.front_m for c in cars]]), still, np.stack([still, still], -1), still)
+    qvel = world.qvel(np.array([[c.speed_mps for c in cars]]))
+    return np.repeat(qpos, runs, axis=0), np.repeat(qvel, runs, axis=0)
+
+
+def swept(planned: Plan) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        sweep(planned, Path(folder) / "out", processes=PROCESSES)
+
+
+def bare(planned: Plan, world: World) -> None:
+    """As many steps of as many worlds, and nothing else."""
+    scenario = planned.cases[0].batch.scenario
+    batch = Batch(world.model, nsim=RUNS, nthread=PROCESSES)
+    batch.qpos, batch.qvel = rolling(world, planned, RUNS)
+    for _ in range(scenario.ticks):
+        batch.step(nstep=scenario.substeps)
+
+
+def plain(planned: Plan, world: World) -> None:
+    """One world, a call of ``mj_step`` for each step."""
+    data = mujoco.MjData(world.model)
+    (data.qpos,), (data.qvel,) = rolling(world, planned, 1)
+    for _ in range(planned.cases[0].batch.scenario.ticks * planned.cases[0].batch.scenario.substeps):
+        mujoco.mj_step(world.model, data)
+
+
+def timed(work: Callable[[], None]) -> tuple[float, float]:
+    """Wall and processor time, children's included, s."""
+    wall, before = time.perf_counter(), os.times()
+    work()
+    after = os.times()
+    return time.perf_counter() - wall, sum(after[:4]) - sum(before[:4])
+
+
+def highway() -> float | None:
+    """Simulated seconds per second of highway-env's merge-v0; ``None`` if it is not installed."""
+    try:
+        import gymnasium
+        import highway_env
+    except ImportError:
+        return None
+    highway_env.register_highway_envs() if hasattr(highway_env, "register_highway_envs") else None
+    env = gymnasium.make("merge-v0")
+    step_s = 1 / env.unwrapped.config["policy_frequency"]
+    simulated, began = 0.0, time.perf_counter()
+    while time.perf_counter() - began < 5:
+        env.reset(seed=0)
+        over = False
+        while not over:
+            _, _, terminated, truncated, _ = env.step(1)
+            simulated, over = simulated + step_s, terminated or truncated
+    return simulated / (time.perf_counter() - began)
+
+
+def main() -> None:
+    """Prints the table."""
+    planned = campaign()
+    scenario = planned.cases[0].batch.scenario
+    world = build(scenario, [case.mismatch for case in planned.cases])
+    times = {"sweep": [], "bare": [], "plain": []}
+    for _ in range(REPEATS):
+        times["sweep"].append(timed(lambda: swept(planned)))
+        times["bare"].append(timed(lambda: bare(planned, world)))
+        times["plain"].append(timed(lambda: plain(planned, world)))
+    simulated = {"sweep": RUNS * DURATION_S, "bare": RUNS * DURATION_S, "plain": DURATION_S}
+    table = Table("what", "simulated s per s", "median", "min", "max", "target")
+    names = {
+        "sweep": f"sweep of {RUNS} runs, {PROCESSES} processes",
+        "bare": f"bare mujoco.batch, {PROCESSES} threads",
+        "plain": "plain mj_step loop in Python, 1 run",
+    }
+    for key, name in names.items():
+        table.add_row(name, f"{simulated[key] / statistics.median(w for w, _ in times[key]):.1f}")
+    other = highway()
+    table.add_row("highway-env merge-v0", "not installed" if other is None else f"{other:.1f}")
+    for i, name in enumerate(("wall time", "processor time")):
+        ratios = [b[i] / s[i] for b, s in zip(times["bare"], times["sweep"], strict=True)]
+        shown = (f"{f(ratios):.3f}" for f in (statistics.median, min, max))
+        table.add_row(f"bare / sweep, {name}", "", *shown, ">= 0.90")
+    Console(width=110).print(table)
+
+
+if __name__ == "__main__":
+    main()
