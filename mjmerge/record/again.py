@@ -83,7 +83,7 @@ def outcome(found: Recorded, trace: Trace) -> Outcome:
     (verdict,) = judge(trace)
     happened = sorted([*events(trace), *verdict.events()], key=lambda e: e.time_s)
     claims = {k: v for k, v in summary(trace, [verdict], 1.0).items() if k != "real_time_factor"}
-    return Outcome(happened, verdict.verdict, claims, phases(trace), digests(found.columns))
+    return Outcome(happened, verdict.verdict, claims, phases(trace), digests(found.columns, found.texts))
 
 
 def poses(found: Recorded, about: Header, scene: Scene, rows: NDArray[np.intp]) -> tuple[Array, Array]:

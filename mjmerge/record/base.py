@@ -58,6 +58,11 @@ class Header:
     continuous: bool = False
     acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
+    @property
+    def texts(self) -> dict[str, str]:
+        """What goes into a recording as text, by name."""
+        return {"scenario.yaml": self.scenario_yaml, "world.xml": self.world_xml}
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -68,7 +73,7 @@ class Outcome:
         verdict: the contract's word for it.
         summary: what ``summary.json`` holds.
         phases: every change of state, subject by subject.
-        digests: fingerprint of every column; :class:`Recording` fills it in.
+        digests: fingerprint of every column and text; :class:`Recording` fills it in.
     """
 
     events: Sequence[Event]
@@ -180,7 +185,7 @@ class Recording:
         self._header = header
         self._factories = factories
         self._scene = Scene(header.model, header.scenario.law.r_m)
-        self._digest = Digest()
+        self._digest = Digest(header.texts)
         self._live: dict[str, Recorder] = {}
         self._failed: dict[str, str] = {}
 

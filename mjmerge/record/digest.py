@@ -1,4 +1,4 @@
-"""Fingerprints of what was recorded, column by column: a number changed in a file afterwards shows."""
+"""Fingerprints of what was recorded, column by column: what is changed in a file afterwards shows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from mjmerge.trace import COLUMNS, Array, Block
 class Digest:
     """SHA-256 of every column of a run, fed block by block: of the float64 as they are, little-endian."""
 
-    def __init__(self) -> None:
+    def __init__(self, texts: Mapping[str, str]) -> None:
+        """Args: texts that go with the run, by name."""
+        self._texts = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
         self._hashes = {name: hashlib.sha256() for name in ("time_s", *(c.name for c in COLUMNS))}
 
     def add(self, block: Block) -> None:
@@ -25,12 +27,12 @@ class Digest:
             fed.update(np.ascontiguousarray(columns[name], "<f8").tobytes())
 
     def hex(self) -> dict[str, str]:
-        """What it comes to so far, by column."""
-        return {name: fed.hexdigest() for name, fed in self._hashes.items()}
+        """What it comes to so far, by column, and of each text."""
+        return {name: fed.hexdigest() for name, fed in self._hashes.items()} | self._texts
 
 
-def digests(columns: Mapping[str, Array]) -> dict[str, str]:
-    """Of whole columns, each (T, ...), ``time_s`` among them."""
-    whole = Digest()
+def digests(columns: Mapping[str, Array], texts: Mapping[str, str]) -> dict[str, str]:
+    """Of whole columns, each (T, ...), ``time_s`` among them, and of the texts that go with them, by name."""
+    whole = Digest(texts)
     whole._add(columns)
     return whole.hex()

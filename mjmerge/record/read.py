@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import struct
+import subprocess
+import sys
 import tempfile
 import warnings
 from collections import defaultdict
@@ -100,9 +102,18 @@ class Recorded:
         """The attached scenario.
 
         Raises:
+            UnreadableError: it is damaged.
             ScenarioError: it is none that this version can run.
         """
-        return load(parse(self.scenario_yaml).value).named(str(self.manifest["scenario"]))
+        document = parse(self.scenario_yaml)
+        if document.problems or not isinstance(document.value, dict):
+            raise UnreadableError(self.path, "its scenario is damaged")
+        return load(document.value).named(str(self.manifest["scenario"]))
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """What is in it as text, by name, as in :class:`~mjmerge.record.base.Header`."""
+        return {"scenario.yaml": self.scenario_yaml, "world.xml": self.world_xml}
 
     def trace(self) -> Trace:
         """The run as a trace of one simulation, NaN where the file has nothing.
@@ -164,15 +175,20 @@ def recording(path: Path) -> Path:
     raise UnreadableError(path, "there is no recording of that name")
 
 
-def read(path: Path) -> Recorded:
+def read(path: Path, *, wary: bool = False) -> Recorded:
     """Reads a recording, up to its end or to where it was cut off.
+
+    Args:
+        path: the file.
+        wary: whether a damaged file is to be expected. Rerun's reader can take the process down with it on
+            one, so that another process has to try first, which takes a second.
 
     Raises:
         UnreadableError: it is no recording, or nothing of the run is in it.
     """
     try:
-        kind, found = _gather(path)
-    except (KeyError, ValueError, TypeError) as error:
+        kind, found = _gather(path, wary)
+    except (AttributeError, KeyError, ValueError, TypeError) as error:
         raise UnreadableError(path, f"what it says of the run is damaged: {error}") from error
     if "control_step_s" not in found.manifest or "scenario.yaml" not in found.texts:
         where = f": {found.fault}" if found.fault else ""
@@ -218,7 +234,7 @@ def read_rrd(path: Path) -> dict[str, Array]:
     return dict(read(path).columns)
 
 
-def _gather(path: Path) -> tuple[str, _Found]:
+def _gather(path: Path, wary: bool) -> tuple[str, _Found]:
     """What kind of file it is, and what is in it."""
     try:
         with path.open("rb") as file:
@@ -228,6 +244,8 @@ def _gather(path: Path) -> tuple[str, _Found]:
     if magic == _MCAP_MAGIC:
         return "mcap", _gather_mcap(path)
     if magic.startswith(_RRD_MAGIC):
+        if wary and not _survives(path):
+            raise UnreadableError(path, "it is damaged: Rerun's reader breaks down on it")
         return "rrd", _gather_rrd(path)
     raise UnreadableError(path, "it is neither a Rerun nor an MCAP recording")
 
@@ -395,6 +413,19 @@ def _has_footer(path: Path) -> bool:
     with path.open("rb") as file:
         file.seek(-32, 2)
         return b"RRF2FOOT" in file.read()
+
+
+def _survives(path: Path) -> bool:
+    """Whether Rerun's reader gets through, or at least gives up in an orderly way."""
+    attempt = """
+import contextlib, sys, rerun.chunk as rc
+with contextlib.suppress(Exception):
+    for chunk in rc.RrdReader(sys.argv[1]).stream():
+        chunk.to_record_batch()
+"""
+    with whole_frames(path) as (whole, *_):
+        command = [sys.executable, "-c", attempt, str(whole)]
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 def _batches(path: Path, found: _Found) -> Iterator[tuple[str, pa.RecordBatch]]:

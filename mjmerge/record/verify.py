@@ -93,7 +93,7 @@ def verify(path: Path) -> Verified:
     Raises:
         UnreadableError: it is no recording, or it does not even say what the run was.
     """
-    found = read(path)
+    found = read(path, wary=True)
     checks = [_file(found), _schema(found)]
     if not checks[-1].right:
         return Verified(found, tuple(checks), None)
@@ -137,7 +137,7 @@ def _schema(found: Recorded) -> Check:
 def _columns(found: Recorded) -> Check:
     """Names with their units, axes and conventions are ours, and all of them are there."""
     ours = {c.name: [list(axis) for axis in c.axes] for c in COLUMNS}
-    claimed = {c["name"]: c["axes"] for c in found.manifest.get("columns", ())}
+    claimed = {c.get("name", ""): c.get("axes") for c in found.manifest.get("columns", ())}
     wrong = sorted(n for n in ours.keys() | claimed.keys() if ours.get(n) != claimed.get(n))
     if wrong:
         return Check("columns", False, f"other names, units or axes than ours: {_some(wrong)}")
@@ -204,11 +204,13 @@ def _fingerprints(found: Recorded) -> Check:
     if not found.sha256:
         says = "none in the file" if found.verdict is not None else "none yet: they are written at the end"
         return Check("fingerprints", False if found.verdict is not None else None, says)
-    now = digests(found.columns)
+    now = digests(found.columns, found.texts)
     changed = sorted(n for n in now.keys() | found.sha256.keys() if now.get(n) != found.sha256.get(n))
     if changed:
         return Check("fingerprints", False, f"changed since they were recorded: {_some(changed)}")
-    return Check("fingerprints", True, f"of all {len(now)} columns as recorded, SHA-256")
+    return Check(
+        "fingerprints", True, f"of {len(found.columns)} columns, scenario and world as recorded, SHA-256"
+    )
 
 
 def _geometry(front_m: Array, velocity_mps: Array, r_m: float) -> dict[str, Array]:
