@@ -20,7 +20,7 @@ from mjmerge.errors import MjmergeError, nearest
 from mjmerge.figures import COLOURS, LINE, save
 from mjmerge.levels import LEVELS
 from mjmerge.mismatch import Mismatch, is_number
-from mjmerge.outcome import FAILED
+from mjmerge.outcome import FAILED, cause
 from mjmerge.sweep import Workers, measured
 
 if TYPE_CHECKING:
@@ -324,7 +324,7 @@ def as_json(found: Sequence[Break], across: Range | None = None) -> list[dict[st
             "fails_at": one.fails.value if one.fails else None,
             "min_distance_before_m": one.passes.row["min_distance_m"] if one.passes else None,
             "min_distance_after_m": one.fails.row["min_distance_m"] if one.fails else None,
-            "first_broken": one.fails.row["first_broken"] if one.fails else None,
+            "first_broken": cause(one.fails.row) if one.fails else None,
             "passes_again_at": [t.value for t in one.again],
             "command": " ".join(("mjmerge", *one.fails.case.command)) if one.fails else None,
         }
@@ -338,7 +338,7 @@ def _least(tried: Tried | None) -> str:
 
 
 def _first(one: Break) -> str:
-    return "-" if one.fails is None else str(one.fails.row["first_broken"] or "nothing")
+    return "-" if one.fails is None else cause(one.fails.row) or "nothing before it"
 
 
 def _beyond(one: Break) -> str:

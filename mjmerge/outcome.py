@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -107,6 +107,13 @@ def outcome(verdict: Verdict) -> str:
     if not verdict.floor_held:
         return FAILED
     return EMPTY if verdict.verdict == VACUOUS else PASSED
+
+
+def cause(row: Mapping[str, Any]) -> str | None:
+    """The first hypothesis that broke, unless the run had become unsafe before it did."""
+    unsafe_s, broken_s = row["unsafe_at_s"], row["broken_at_s"]
+    late = unsafe_s is not None and broken_s is not None and broken_s > unsafe_s
+    return None if late else row["first_broken"]
 
 
 def _contacts(trace: Trace) -> tuple[Array, Array, Array]:

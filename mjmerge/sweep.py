@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 TOGETHER = 64
 """Runs of a shard, at most."""
 MOST_TICKS = 300_000
-"""Control ticks of a shard, all runs together, at most: what bounds the memory, at some 2 kB each."""
+"""Control ticks of a shard, all runs together, at most: what bounds the memory, at some 1 kB each."""
 PLAN, SHARDS, TABLE = "plan.json", "shards", "table.parquet"
 
 _LOOK_S = 0.1

@@ -13,7 +13,7 @@ import numpy as np
 
 from mjmerge.campaign import GRID, RANDOM, Plan
 from mjmerge.figures import COLOURS, LINE, MU, save, sheet
-from mjmerge.outcome import EMPTY, FAILED, PASSED
+from mjmerge.outcome import EMPTY, FAILED, PASSED, cause
 from mjmerge.record.manifest import versions
 from mjmerge.statistics import CONFIDENCE, Rate, clopper_pearson
 
@@ -185,7 +185,8 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str]) -> Iterator[str]:
     yield "Each command gives its run again, bit for bit, and records it; `mjmerge view` then opens it."
     yield ""
     for row in worst(rows):
-        first = f", '{row['first_broken']}' broke first" if row["first_broken"] else ""
+        broken = cause(row)
+        first = f", '{broken}' broke first" if broken else ""
         least = row["min_distance_m"]
         margin = "no data" if least is None else f"{least:.4f} m"
         yield f"- run {row['run']}: {margin}, {row['verdict']}{first}"
@@ -267,9 +268,9 @@ def _causes(rows: Rows) -> Iterator[str]:
         return
     yield "## What broke first"
     yield ""
-    yield "Of the runs that failed, the hypothesis of the theorem that stopped being true first."
+    yield "Of the runs that failed, the hypothesis of the theorem that broke first, before they were unsafe."
     yield ""
-    counts = Counter((row["verdict"], row["first_broken"] or "none") for row in failed)
+    counts = Counter((row["verdict"], cause(row) or "none before it") for row in failed)
     yield from _table(
         ("verdict", "first broken", "runs"),
         [(verdict, first, n) for (verdict, first), n in counts.most_common()],
