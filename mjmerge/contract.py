@@ -155,6 +155,12 @@ def _seen(trace: Trace) -> Mask:
     return unseen
 
 
+def _margin_covers(trace: Trace) -> Mask:
+    """The margin r keeps bodies apart: they do not touch while d_j > 0. The theorem is about front axles."""
+    touching: Mask = np.any(trace.touching[:, :, :2] & (trace.distance_m > 0), axis=2)
+    return touching
+
+
 def _rolling(trace: Trace) -> Mask:
     """|v_r| >= eps_v: where the bicycle inverse is exact."""
     return np.abs(trace.speed_mps[:, :, 0]) < trace.scenario.law.eps_v_mps
@@ -233,6 +239,7 @@ HYPOTHESES: dict[str, Callable[[Trace], Mask]] = {
     "ego moves as commanded": _obeys,
     "hold small against d": _sampled_finely,
     "delay small against d": _prompt,
+    "margin covers the bodies": _margin_covers,
 }
 """Name of each hypothesis and the monitor that marks the ticks where it is broken, (N, T).
 

@@ -113,7 +113,8 @@ def test_a_collision_is_no_unbounded_neighbour(calm):
     """What the impact does to its speed must not be the excuse for the impact."""
     velocity = np.full((1, T, 3, 2), [2.0, 0.0])
     velocity[0, 20:, 2, 0] = 9.0
-    assert only(calm(velocity_mps=velocity, clearance_m=touching(20))).verdict == REFUTED
+    verdict = only(calm(velocity_mps=velocity, clearance_m=touching(20)))
+    assert [b.hypothesis for b in verdict.breaches] == ["margin covers the bodies"]
 
 
 def test_what_a_driver_asks_of_a_car_that_cannot_give_it_is_bounded_motion(calm):
@@ -258,8 +259,17 @@ def touching(tick):
     return clearance
 
 
-def test_unsafe_with_every_hypothesis_true_is_refuted(calm):
+def test_bodies_that_touch_outside_the_margin_say_that_it_is_too_small_for_them(calm):
+    """The theorem keeps front axles apart; what that is worth for bodies is an assumption."""
     verdict = only(calm(clearance_m=touching(20)))
+    assert (verdict.verdict, verdict.unsafe_at_s) == (BROKEN, pytest.approx(0.2))
+    assert verdict.breaches[0].hypothesis == "margin covers the bodies"
+    inside = distance(*[0.9] * 20, -0.1)[..., ::-1]  # of the car that is touched
+    assert only(calm(clearance_m=touching(20), distance_m=inside)).verdict == REFUTED
+
+
+def test_unsafe_with_every_hypothesis_true_is_refuted(calm):
+    verdict = only(calm(distance_m=distance(*[0.9] * 20, -0.1)))
     assert (verdict.verdict, verdict.unsafe_at_s) == (REFUTED, pytest.approx(0.2))
     assert not verdict.floor_held
 
@@ -267,7 +277,7 @@ def test_unsafe_with_every_hypothesis_true_is_refuted(calm):
 def test_a_hypothesis_that_breaks_only_afterwards_is_no_excuse(calm):
     v = np.full((1, T, 3), 2.0)
     v[0, 25:, 0] = 0.05
-    verdict = only(calm(clearance_m=touching(20), speed_mps=v))
+    verdict = only(calm(distance_m=distance(*[0.9] * 20, -0.1), speed_mps=v))
     assert verdict.verdict == REFUTED
     assert [b.hypothesis for b in verdict.breaches] == ["ego rolls"]
 
@@ -326,8 +336,7 @@ def test_no_floor_excuses_touching(calm):
 def test_simulations_are_judged_each_on_its_own(calm):
     d = np.full((3, T, 2), 0.9)
     d[0] = dipping(0.2)[0]
-    clearance = np.full((3, T, 3), 0.5)
-    clearance[1, 20, 0] = 0.0
-    trace = calm(runs=3, distance_m=d, clearance_m=clearance, stops=[Stop(2, 0.4, "ego", "gone")])
+    d[1, 20:, 0] = -0.1
+    trace = calm(runs=3, distance_m=d, stops=[Stop(2, 0.4, "ego", "gone")])
     assert [v.verdict for v in judge(trace)] == [HELD, REFUTED, INCOMPLETE]
     assert [v.run for v in judge(trace)] == [0, 1, 2]
