@@ -242,16 +242,16 @@ def facts_markdown(findings: Mapping[str, Sequence[Finding]]) -> str:
 
 
 def gate_table(results: Sequence[Result]) -> Table:
-    """Every row of the gate, for the terminal."""
+    """Every row of the gate with its smallest distances, m, for the terminal."""
     from rich.table import Table
 
     grid = Table(box=None, pad_edge=False)
     for name in ("scenario", "row"):
         grid.add_column(name, style="cyan" if name == "row" else None, no_wrap=True)
-    for name in ("floor", "min d_1", "min d_2", "moved"):
-        grid.add_column(name, justify="right", no_wrap=True)
-    grid.add_column("", no_wrap=True)
-    grid.add_column("verdict", no_wrap=True)
+    for name in ("floor", "d_1", "d_2", "moved"):
+        grid.add_column(name, justify="right", no_wrap=True, min_width=5)
+    grid.add_column("", no_wrap=True, min_width=4)
+    grid.add_column("verdict")
     for result in results:
         row, m, before = result.row, result.measured, result.baseline
         moved = "new"
