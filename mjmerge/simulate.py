@@ -10,7 +10,7 @@ from mjmerge.actuation import BelievedCars, actuate, believed_sheets
 from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
 from mjmerge.mismatch import Mismatch
-from mjmerge.plant import make
+from mjmerge.plant import check, make
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.sensing import Sensing
 from mjmerge.state import Array, Cars, Controls
@@ -63,6 +63,7 @@ def simulate(
         ModelError: a car model lacks what is needed of it.
         MjmergeError: the plant has no continuous time.
     """
+    check(plant, scenario)
     if cases is None:
         cases = [(seed + i, scenario.mismatch) for i in range(runs)]
     mismatch = tuple(m for _, m in cases)

@@ -85,9 +85,11 @@ def test_any_combination_gives_numbers_and_changes_only_what_its_parts_say(names
     variant = law("+".join(names))
     sensed, z = situation(1)
     made, printed = decide(variant, sensed, z), decide(LITERAL, sensed, z)
-    for name, value in vars(made).items():
-        assert np.isfinite(value).all(), name
-    for name in ("d", "d_dot", "dbar", "w", "e_1_star"):
+    for name, value in (vars(made) | vars(made.geometry)).items():
+        assert name == "geometry" or np.isfinite(value).all(), name
+    for name in ("d", "d_dot", "dbar", "dbar_dot"):
+        assert np.array_equal(getattr(made.geometry, name), getattr(printed.geometry, name))
+    for name in ("w", "e_1_star"):
         assert np.array_equal(getattr(made, name), getattr(printed, name))
     assert np.array_equal(made.mu_input, printed.mu_input) == ("gated" not in names)
     assert np.array_equal(made.u_n, printed.u_n) == ("no_u1" not in names)

@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from mjmerge.law import Sensed, decide
 from mjmerge.law.barrier import barrier
+from mjmerge.mismatch import Mismatch
 from mjmerge.plant.double_integrator import DoubleIntegrator
+from mjmerge.plant.kinematic import Arrivals
 from mjmerge.scenario import Law
 from mjmerge.state import Controls
 
@@ -23,14 +25,14 @@ def head_on(v_0, step_s, law=ALONE, duration_s=5.0):
     front[:, 0, 0], front[:, 2, 1] = -(D_0 + law.r_m), FAR
     velocity = np.zeros((runs, 3, 2))
     velocity[:, 0, 0] = v_0
-    plant = DoubleIntegrator(front, velocity, step_s, None)
+    plant = DoubleIntegrator(front, velocity, Arrivals([Mismatch()], step_s), None)
     nothing, running = np.zeros((runs, 3)), np.ones(runs, dtype=bool)
     least, most = np.full(runs, np.inf), np.zeros(runs)
     for _ in range(round(duration_s / step_s)):
         cars = plant.observe()
         p, v = cars.front_m, cars.velocity_mps
         made = decide(law, Sensed(p[:, 0], v[:, 0], p[:, 1:], v[:, 1:], np.zeros((runs, 2))), np.zeros(runs))
-        least = np.minimum(least, made.d[:, 0])
+        least = np.minimum(least, made.geometry.d[:, 0])
         most = np.maximum(most, np.abs(made.u[:, 0]))
         u = np.zeros((runs, 3, 2))
         u[:, 0] = made.u
