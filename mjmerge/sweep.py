@@ -183,9 +183,9 @@ class Workers:
     def stop(self) -> None:
         """Ends the processes, wherever they are."""
         if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
             for process in set(active_children()) - self._others:
                 process.terminate()
+            self._pool.shutdown(cancel_futures=True)  # waits: the pool's own thread must not race the interpreter's end
 
 
 _parts: Any = None  # of a worker process: how far its shards are, shared with its parent
