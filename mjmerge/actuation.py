@@ -154,10 +154,11 @@ def wheel_torques(speed_mps: Array, a_mps2: Array, believed: BelievedCars) -> tu
         believed: limits and sizes, (C,).
     """
     v, r = speed_mps, believed.wheel_radius_m
-    moves = np.abs(v) > CRAWL_MPS
+    speed = np.abs(v)
+    moves = speed > CRAWL_MPS
     wanted = r * (believed.effective_mass_kg * a_mps2 + resistance_n(v, believed))
     braking = (wanted * v < 0) & moves
-    powered = believed.power_limit_w * r / np.maximum(np.abs(v), CRAWL_MPS)
+    powered = believed.power_limit_w * r / np.maximum(speed, CRAWL_MPS)
     most = np.where(braking, believed.brake_limit_n_m, np.minimum(believed.torque_limit_n_m, powered))
     given = limit(wanted, most)
     shares = np.where(braking[..., None], believed.brake_shares, believed.drive_shares)
@@ -166,9 +167,9 @@ def wheel_torques(speed_mps: Array, a_mps2: Array, believed: BelievedCars) -> tu
 
 def resistance_n(speed_mps: Array, believed: BelievedCars) -> Array:
     """Force of air and rolling resistance against the motion, N, (N, C)."""
-    v = speed_mps
-    rolling = np.where(np.abs(v) > CRAWL_MPS, believed.rolling_n * limit(v / ROLLS_MPS, 1.0), 0.0)
-    resistance: Array = believed.drag_n_per_mps2 * v * np.abs(v) + rolling
+    v, speed = speed_mps, np.abs(speed_mps)
+    rolling = np.where(speed > CRAWL_MPS, believed.rolling_n * limit(v / ROLLS_MPS, 1.0), 0.0)
+    resistance: Array = believed.drag_n_per_mps2 * v * speed + rolling
     return resistance
 
 
@@ -176,7 +177,11 @@ def ackermann(steer_rad: Array, wheelbase_m: Array, track_m: Array) -> Array:
     """Angles of the left and right front wheel that roll about one centre, rad, (..., 2)."""
     t = np.tan(steer_rad)
     half = track_m / (2 * wheelbase_m) * t
-    return np.arctan(np.stack([t / (1 - half), t / (1 + half)], axis=-1))
+    tangents = np.empty((*t.shape, 2))
+    np.divide(t, 1 - half, out=tangents[..., 0])
+    np.divide(t, 1 + half, out=tangents[..., 1])
+    angles: Array = np.arctan(tangents)
+    return angles
 
 
 def bicycle_angle(wheel_steer_rad: Array, wheelbase_m: Array, track_m: Array) -> Array:

@@ -61,5 +61,7 @@ def inverse(
     centripetal = speed_mps * speed_mps / wheelbase_m * t
     forward = c * u_mps2[..., 0] + s * u_mps2[..., 1] + centripetal * t
     left = c * u_mps2[..., 1] - s * u_mps2[..., 0] - centripetal
-    v = np.where(np.abs(speed_mps) < eps_v_mps, np.where(speed_mps < 0, -eps_v_mps, eps_v_mps), speed_mps)
+    v, slow = speed_mps, np.abs(speed_mps) < eps_v_mps
+    if slow.any():
+        v = np.where(slow, np.where(speed_mps < 0, -eps_v_mps, eps_v_mps), speed_mps)
     return forward, (left - t * forward) / (v * (1 + t * t))  # cos^2 = 1/(1 + tan^2)

@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
@@ -74,6 +75,17 @@ def data_sheet(model: str) -> DataSheet:
         UnknownNameError: there is no such model.
     """
     path = share.model_folder(model) / "datasheet.yaml"
+    try:
+        content = path.read_bytes()
+    except OSError:
+        content = b""
+    return _data_sheet(path, content)
+
+
+@lru_cache(maxsize=32)  # three cars, and the loader, the world, the belief and the judge ask for each
+def _data_sheet(path: Path, content: bytes) -> DataSheet:
+    """What the file says; by its content, so that a file that has changed is read again."""
+    del content
     document = read(path)
     sheet = validated(DataSheet, document)
     raise_problems(path, document)

@@ -185,7 +185,7 @@ class Workers:
         if self._pool is not None:
             for process in set(active_children()) - self._others:
                 process.terminate()
-            self._pool.shutdown(cancel_futures=True)  # waits: the pool's own thread must not race the interpreter's end
+            self._pool.shutdown(cancel_futures=True)  # waits for the pool's thread, or it races the exit
 
 
 _parts: Any = None  # of a worker process: how far its shards are, shared with its parent

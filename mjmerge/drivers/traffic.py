@@ -50,7 +50,7 @@ class Traffic:
             u_j, m/s^2, (N, 2, 2), neighbour before component.
         """
         p, v = cars.front_m[:, 1:], cars.velocity_mps[:, 1:]
-        u_j = np.zeros_like(p)
+        u_j = np.zeros(p.shape)
         leader = None
         for j, driver in enumerate(self.drivers):
             own = Along(p[:, j, 0], v[:, j, 0], u_j[:, j, 0])  # a view: holds the acceleration once decided

@@ -75,24 +75,33 @@ class MuJoCo:
         def adr(name: str) -> int:
             return int(model.sensor(name).adr[0])
 
-        # every sensor read, in the order read: all cars' first sensor, all cars' second, ..., clearances
+        # every sensor read, in the order read: the first car's, the second's, ..., clearances
         self._order = np.array(
-            [adr(f"{car}/{name}") + i for name, n in SENSORS.items() for car in cars for i in range(n)]
+            [adr(f"{car}/{name}") + i for car in cars for name, n in SENSORS.items() for i in range(n)]
             + [adr(f"clearance_{a}_{b}") for a, b in combinations(cars, 2)]
         )
+
+        ends = np.cumsum([*SENSORS.values()]).tolist()
+        self._each = ends[-1]
+        self._sensor_at = {
+            name: slice(end - n, end) for (name, n), end in zip(SENSORS.items(), ends, strict=True)
+        }
 
         def actuators(names: Sequence[str]) -> NDArray[np.intp]:
             return np.array([[model.actuator(f"{car}/{n}").id for n in names] for car in cars])
 
-        self._steer_at, self._brake_at = actuators(STEER), actuators(BRAKE)
-        self._resistance_at = actuators([RESISTANCE])[:, 0]
         there = {model.actuator(i).name: i for i in range(model.nu)}
         motors = [(c, w, f"{car}/{n}") for c, car in enumerate(cars) for w, n in enumerate(DRIVE)]
-        self._motors = np.array([(c, w, there[name]) for c, w, name in motors if name in there]).T
-        self._spin_at = model.jnt_dofadr[world.ids("joint", "spin_{}")]
+        car, wheel, motor_at = np.array([(c, w, there[name]) for c, w, name in motors if name in there]).T
+        # every actuator, in the order written
+        parts = (actuators(STEER), actuators(BRAKE), actuators([RESISTANCE]), motor_at)
+        self._commands_at = np.concatenate([part.ravel() for part in parts])
+        self._wheel_steer = np.zeros((runs, len(cars), len(STEER)))
+        spin_at = model.jnt_dofadr[world.ids("joint", "spin_{}")]
 
         self._spin_limit_radps = world.number("spin_limit_radps")[:, None]
-        driven = np.bincount(self._motors[0], minlength=len(cars))
+        self._driven_at = len(WHEELS) * car + wheel
+        driven = np.bincount(car, minlength=len(cars))
         self._motor_limit_w = (world.number("power_limit_w") / driven)[:, None]
         rate = truth.steer_rate * world.number("steer_rate_limit_radps")
         self._most_turn_rad = rate[..., None] * self._step_s
@@ -111,7 +120,7 @@ class MuJoCo:
         heading = still if heading_rad is None else heading_rad
         self._qpos[:] = world.qpos(front_m, heading, np.stack([still, still], axis=-1), still)
         self._qvel[:] = world.qvel(speed_mps, heading)
-        self._qvel[:, self._spin_at] = speed_mps[..., None] / self._radius_m
+        self._qvel[:, spin_at] = speed_mps[..., None] / self._radius_m
         height_at = np.array([model.joint(f"{car}/free/").qposadr[0] + 2 for car in cars])
         own_m = model.geom_size[world.ids("geom", "tyre_{}"), 0]
         self._qpos[:, height_at] += (self._radius_m - own_m)[..., 0]
@@ -119,7 +128,8 @@ class MuJoCo:
             field = self.batch.expand(name)
             field[:] = values[:, : field.shape[1]]  # of bvh_aabb a batch has the bodies', not the meshes'
         self._tyres, self._friction, self._off_patch = truth.tyres, truth.friction, truth.friction
-        self._yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
+        yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
+        self._turning = np.concatenate([yaw_at, spin_at.ravel()])
         self._wheels_m = world.wheels_m()
         self._patch: _Patch | None = None
         self._lag: _Lag | None = None
@@ -169,24 +179,23 @@ class MuJoCo:
 
     def _sense(self) -> None:
         """Reads all sensors: by name, (N, C, size), and the clearances, (N, P)."""
-        values: Array = np.take(self._sensors, self._order, axis=1)
-        self._now: dict[str, Array] = {}
-        at, cars = 0, len(self._cars)
-        for name, size in SENSORS.items():
-            end = at + cars * size
-            self._now[name] = values[:, at:end].reshape(-1, cars, size)
-            at = end
-        self._clearance = values[:, at:]
+        cars, each = len(self._cars), self._each
+        values = self._sensors.take(self._order, axis=1)
+        of_cars = values[:, : cars * each].reshape(-1, cars, each)
+        self._now = {name: of_cars[..., at] for name, at in self._sensor_at.items()}
+        self._clearance = values[:, cars * each :]
+        qvel = self._qvel.take(self._turning, axis=1)
+        self._yaw_rate, self._spin = qvel[:, :cars], qvel[:, cars:].reshape(-1, cars, len(WHEELS))
 
     def _grip(self) -> None:
         """Sets every tyre's contact for the speed of its wheel over the road."""
         now, (x_m, y_m) = self._now, self._wheels_m
-        v, yaw_rate = now["rear_velocity"], self._qvel[:, self._yaw_at][..., None]
+        v, yaw_rate = now["rear_velocity"], self._yaw_rate[..., None]
         ahead, across = v[..., :1] - yaw_rate * y_m, v[..., 1:2] + yaw_rate * x_m
-        angle = np.zeros_like(ahead)
+        angle = np.zeros(ahead.shape)
         angle[..., 0], angle[..., 1] = now["steer_left"][..., 0], now["steer_right"][..., 0]
         cos, sin = np.cos(angle), np.sin(angle)
-        rim = self._qvel[:, self._spin_at] * self._radius_m
+        rim = self._spin * self._radius_m
         slip = np.hypot(ahead * cos + across * sin - rim, across * cos - ahead * sin)
         if self._patch is not None:
             axis, front_m = now["forward_axis"], now["front_position"]
@@ -200,13 +209,15 @@ class MuJoCo:
 
     def step(self, controls: Controls, running: Mask) -> None:
         """See :meth:`Plant.step`."""
-        told = self._ctrl[:, self._steer_at]
-        self._ctrl[:, self._steer_at] = told + limit(controls.wheel_steer_rad - told, self._most_turn_rad)
-        self._drive(controls.torque_n_m)
+        turn = limit(controls.wheel_steer_rad - self._wheel_steer, self._most_turn_rad)
+        self._wheel_steer = self._wheel_steer + turn
+        commands = self._wheel_steer, *self._drive(controls.torque_n_m)
+        flat = [part.reshape(len(self._ctrl), -1) for part in commands]
+        self._ctrl[:, self._commands_at] = np.concatenate(flat, axis=1)
         self._steer_command = controls.steer_rad
         self._grip()
         ids = None if running.all() else np.flatnonzero(running)
-        self._contacts.before(self._now, self._qvel[:, self._yaw_at])
+        self._contacts.before(self._now, self._yaw_rate)
         try:
             self.batch.step(ids, self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
         except SimulationError as error:
@@ -214,8 +225,10 @@ class MuJoCo:
         self._sense()
         self._contacts.after()
 
-    def _drive(self, torque_n_m: Array) -> None:
-        """Torque along the car's motion goes to the motors; against it to the brakes, which only resist.
+    def _drive(self, torque_n_m: Array) -> tuple[Array, Array, Array]:
+        """Of brakes, (N, C, 4), resistance, (N, C), and the M motors, (N, M): what is told them.
+
+        Torque along the car's motion goes to the motors; against it to the brakes, which only resist.
 
         A car that stands and is asked for next to nothing holds its brakes.
 
@@ -224,27 +237,28 @@ class MuJoCo:
         motors are late in MuJoCo.
         """
         v = self._now["rear_velocity"][..., 0]
-        speed = v[..., None]
-        braking = (torque_n_m * speed < 0) & (np.abs(speed) > CRAWL_MPS)
-        spin = np.abs(self._qvel[:, self._spin_at])
+        speed = np.abs(v)
+        braking = (torque_n_m * v[..., None] < 0) & (speed > CRAWL_MPS)[..., None]
+        spin = np.abs(self._spin)
+        rolling_radps = np.maximum(spin, _LOCKED_RADPS)
         driving = ~braking & (spin < self._spin_limit_radps)
-        torque = limit(torque_n_m, self._motor_limit_w / np.maximum(spin, _LOCKED_RADPS))
-        car, wheel, at = self._motors
+        torque = limit(torque_n_m, self._motor_limit_w / rolling_radps)
         drive, brake = np.where(driving, torque, 0.0), np.where(braking, np.abs(torque_n_m), 0.0)
-        held = (np.abs(v) <= CRAWL_MPS) & (np.abs(torque_n_m.sum(axis=-1)) < self._unmoved_n_m)
+        held = speed <= CRAWL_MPS
+        if held.any():
+            held &= np.abs(torque_n_m.sum(axis=-1)) < self._unmoved_n_m
         if self._lag is not None:
             drive[:, 0], brake[:, 0] = self._lag(drive[:, 0], brake[:, 0])
         if self._late is not None:
             self._late.push(np.concatenate([brake[:, 0], held[:, :1]], axis=1))
             late = self._late.ago(self._delay_s)
             brake[:, 0], held[:, 0] = late[:, :-1], late[:, -1] > 0.5
-        self._ctrl[:, at] = drive[:, car, wheel]
-        hold = self._brake_limit_n_m / np.maximum(spin, _HELD_RADPS)
-        self._ctrl[:, self._brake_at] = np.where(
-            held[..., None], hold, brake / np.maximum(spin, _LOCKED_RADPS)
-        )
-        rolling = self._rolling_n * limit(v / ROLLS_MPS, 1.0)
-        self._ctrl[:, self._resistance_at] = -(self._drag_n_per_mps2 * v * np.abs(v) + rolling)
+        damping = brake / rolling_radps
+        if held.any():
+            hold = self._brake_limit_n_m / np.maximum(spin, _HELD_RADPS)
+            damping = np.where(held[..., None], hold, damping)
+        resistance = self._drag_n_per_mps2 * v * speed + self._rolling_n * limit(v / ROLLS_MPS, 1.0)
+        return damping, -resistance, drive.reshape(len(drive), -1).take(self._driven_at, axis=1)
 
     def contacts(self) -> tuple[Array, Array]:
         """See :meth:`Plant.contacts`."""
@@ -252,8 +266,10 @@ class MuJoCo:
 
     def faults(self) -> list[Fault]:
         """See :meth:`Plant.faults`."""
-        found = [Fault(run, 0, f"MuJoCo: {message}") for run, message in self._errors.items()]
         up = self._now["up_axis"][..., 2]
+        if not self._errors and up.min() > _TILTED:  # no NaN either
+            return []
+        found = [Fault(run, 0, f"MuJoCo: {message}") for run, message in self._errors.items()]
         off = ~(up > _TILTED)  # true for NaN
         for run in np.flatnonzero(off.any(axis=1)):
             car = int(np.argmax(off[run]))
@@ -325,8 +341,9 @@ class _Contacts:
     def __init__(self, world: World, batch: Batch, substeps: int) -> None:
         model, cars = world.model, world.cars
         self._pairs = [*combinations(range(len(cars)), 2)]
-        self._runs, self._step_s = len(batch.state), model.opt.timestep
-        self._impulse = self._speed = np.zeros((self._runs, len(self._pairs)))
+        self._step_s = model.opt.timestep
+        self._none = np.zeros((len(batch.state), len(self._pairs)))
+        self._impulse = self._speed = self._none
         if not self._pairs:
             return
         sensors = [model.sensor(f"contact_{cars[a]}_{cars[b]}").id for a, b in self._pairs]
@@ -337,6 +354,7 @@ class _Contacts:
         self._history = batch.bind("history")
         first = model.sensor_historyadr[sensors] + 2 + substeps
         self._at = first[:, None, None] + np.arange(6 * substeps).reshape(substeps, 6)
+        self._force_at = np.ascontiguousarray(self._at[..., :3])
 
     def before(self, now: Mapping[str, Array], yaw_rate_radps: Array) -> None:
         """How the cars move at the beginning of a control step: sensors by name, and yaw rates, (N, C)."""
@@ -347,10 +365,12 @@ class _Contacts:
         """Reads what happened in that step."""
         if not self._pairs:
             return
-        force_n = self._history[:, self._at[..., :3]]
+        force_n = self._history.take(self._force_at, axis=1)
+        if not force_n.any():
+            self._impulse = self._speed = self._none
+            return
         hit = force_n.any(axis=-1)
-        self._impulse = np.zeros((self._runs, len(self._pairs)))
-        self._speed = self._impulse.copy()
+        self._impulse, self._speed = np.zeros_like(self._none), np.zeros_like(self._none)
         for run, pair in np.argwhere(hit.any(axis=-1)).tolist():
             self._impulse[run, pair] = np.linalg.norm(force_n[run, pair].sum(axis=0)) * self._step_s
             self._speed[run, pair] = self._closing(run, pair, int(np.argmax(hit[run, pair])))

@@ -31,6 +31,7 @@ tyre is its cornering stiffness (N per unit of slip), and combined slip saturate
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -76,20 +77,23 @@ class Tyres:
             slip_mps: of the contact over the road, v_s, (N, C, 4).
             friction: mu there, (N, C, 4).
         """
-        fastest = min(FASTEST_PER_S, 1 / self.step_s)
-        m, spin = self.wheel_mass_kg, self.spin_mass_kg
+        fastest, fastest_kg_per_s, least_kg, most_kg, per_m = self._fixed
+        spin = self.spin_mass_kg
         c = self.stiffness_n_per_rad / np.maximum(speed_mps, _LEAST_MPS)
         c = np.minimum(c, OUT_OF_REACH * friction * self.load_n / np.maximum(slip_mps, _LEAST_MPS))
-        needed = (c / fastest - spin) / np.maximum(1 - c / (fastest * m), _LEAST)
-        per_r = np.minimum(np.maximum(needed, ADDED_MASS * m), self._per_kg(HARDEST))
-        b = np.minimum(c * (1 / per_r + 1 / m), fastest * (1 + spin / per_r))
+        needed = (c / fastest - spin) / np.maximum(1 - c / fastest_kg_per_s, _LEAST)
+        per_r = np.minimum(np.maximum(needed, least_kg), most_kg)
+        b = np.minimum(c * (1 / per_r + per_m), fastest * (1 + spin / per_r))
         x = per_r * self.invweight_per_kg / IMPRATIO
         d = x / (1 + x)
         return d, b * d
 
-    def _per_kg(self, d: float) -> Array:
-        """1/R at an impedance, kg."""
-        return IMPRATIO * d / ((1 - d) * self.invweight_per_kg)
+    @cached_property
+    def _fixed(self) -> tuple[float, Array, Array, Array, Array]:
+        """Fastest decay of slip, 1/s; that times m; least and most 1/R, kg; 1/m."""
+        fastest, m = min(FASTEST_PER_S, 1 / self.step_s), self.wheel_mass_kg
+        most_kg = IMPRATIO * HARDEST / ((1 - HARDEST) * self.invweight_per_kg)
+        return fastest, fastest * m, ADDED_MASS * m, most_kg, 1 / m
 
 
 def front_stiffness(

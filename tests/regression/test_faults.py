@@ -24,7 +24,7 @@ _KNOWN: dict[bytes, dict[str, tuple[str, ...]]] = {}
 
 
 def fails(folder: Path) -> dict[str, tuple[str, ...]]:
-    """The rows of a folder's gate that fail, and why; the same text is run once, the gate is deterministic."""
+    """The rows of a folder's gate that fail, and why; the same text runs once."""
     text = (folder / "charge.yaml").read_bytes()
     if text not in _KNOWN:
         _KNOWN[text] = _fails(folder)
