@@ -20,7 +20,14 @@ from mjmerge.metrics import MERGED_M
 from mjmerge.record import layout, plots
 from mjmerge.record.base import Header, Outcome, PosedBlock
 from mjmerge.record.plots import Color, Line, Plot
-from mjmerge.record.rerun import CHUNK_TICKS, send_frames, send_levels, send_numbers, still_frames
+from mjmerge.record.rerun import (
+    CHUNK_TICKS,
+    send_frames,
+    send_levels,
+    send_numbers,
+    still_frames,
+    still_levels,
+)
 from mjmerge.record.scene import TARGET, Scene
 from mjmerge.trace import NEIGHBOURS
 
@@ -104,7 +111,10 @@ def write_comparison(path: Path, sides: Sequence[Side]) -> None:
     for one in told:
         _tell(stream, one)
     longest = max(sides, key=lambda side: side.posed.time_ns[-1])
-    send_levels(stream, _plots(told), longest.posed.time_ns[[0, -1]])
+    which = _plots(told)
+    for entity, style in still_levels(which):
+        stream.log(entity, style, static=True)
+    send_levels(stream, which, longest.posed.time_ns[[0, -1]])
     stream.flush(timeout_sec=_PATIENCE_S)
     stream.disconnect()
     if not partial_path.is_file():

@@ -24,6 +24,7 @@ from mjmerge.record.rerun import (
     send_states,
     still_arrows,
     still_frames,
+    still_levels,
     still_states,
     times_of,
 )
@@ -66,7 +67,8 @@ def write_view(mcap: Path, rrd: Path) -> None:
     for entity, what in [*still_frames(scene, layout.entity), *still_arrows(scene)]:
         moves_with = rr.CoordinateFrame(frames.get(entity.rpartition("/")[0], WORLD))
         stream.log(entity, what, moves_with, static=True)
-    for entity, what in still_states():
+    which = plots.everything(scenario, scene.paint)
+    for entity, what in [*still_states(), *still_levels(which)]:
         stream.log(entity, what, static=True)
     time = layout.MCAP_TIME
     send_states(stream, found.states, time)
@@ -80,6 +82,6 @@ def write_view(mcap: Path, rrd: Path) -> None:
         ("scenario", found.scenario_yaml, rr.MediaType.TEXT),
     ):
         stream.log(f"/run/{name}", rr.TextDocument(text, media_type=kind), static=True)
-    send_levels(stream, plots.everything(scenario, scene.paint), found.time_ns[[0, -1]], time)
+    send_levels(stream, which, found.time_ns[[0, -1]], time)
     stream.flush(timeout_sec=_PATIENCE_S)
     stream.disconnect()

@@ -66,6 +66,7 @@ class RerunRecorder:
         self._journal = Journal(path, stream)
         stream.send_blueprint(self._blueprint, make_active=False)
         self._told = self._teller(stream)
+        self._journal.flush()
 
     def write(self, posed: PosedBlock) -> None:
         """Adds consecutive ticks, and puts them on disk."""
@@ -267,11 +268,18 @@ def send_levels(
     timeline: str = layout.SIM_TIME,
 ) -> None:
     """Sends what plots are read against, at some times."""
+    times = times_of(time_ns, timeline)
     for entity, level in plots.levels(which).items():
-        style = rr.SeriesLines(names=level.label, colors=[level.color], widths=[1.0])
-        stream.log(entity, style, static=True)
         scalars: Any = _SCALARS.fill(np.full((len(time_ns), 1), level.value))
-        stream.send_columns(entity, times_of(time_ns, timeline), scalars)
+        stream.send_columns(entity, times, scalars)
+
+
+def still_levels(which: Sequence[Plot]) -> Still:
+    """How what plots are read against is called and coloured."""
+    return [
+        (entity, rr.SeriesLines(names=level.label, colors=[level.color], widths=[1.0]))
+        for entity, level in plots.levels(which).items()
+    ]
 
 
 def send_frames(
@@ -394,7 +402,8 @@ def still_life(header: Header, scene: Scene) -> Still:
         still.append((f"/run/{name}", rr.TextDocument(text, media_type=rr.MediaType.TEXT)))
     colors = [scene.paint[car] for car in CARS]
     still.append(("/world/trails", rr.LineStrips3D.from_fields(colors=colors, radii=[_TRAIL_R * r_m])))
-    return [*still, *still_arrows(scene), *still_states()]
+    levels = still_levels(plots.everything(header.scenario, scene.paint))
+    return [*still, *still_arrows(scene), *still_states(), *levels]
 
 
 def still_frames(scene: Scene, entity: Callable[[str], str], colored: bool = False) -> Still:
