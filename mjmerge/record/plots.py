@@ -140,6 +140,16 @@ def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
             (Line("dbar", _WHITE, LAW_TOPIC, "gap_m"),),
             (Level("2 r", _RED, 2 * scenario.law.r_m),),
         ),
+        Plot(
+            "Impact, N s",
+            (
+                *(
+                    Line(f"ego, {_said(car)}", rgb(paint[car]), LAW_TOPIC, f"contact_impulse_n_s.ego_{car}")
+                    for car in NEIGHBOURS
+                ),
+                Line("the neighbours", _GREY, LAW_TOPIC, "contact_impulse_n_s.vehicle_1_vehicle_2"),
+            ),
+        ),
     ]
 
 

@@ -175,13 +175,13 @@ def recording(path: Path) -> Path:
     raise UnreadableError(path, "there is no recording of that name")
 
 
-def read(path: Path, *, wary: bool = False) -> Recorded:
+def read(path: Path, *, wary: bool = True) -> Recorded:
     """Reads a recording, up to its end or to where it was cut off.
 
     Args:
         path: the file.
         wary: whether a damaged file is to be expected. Rerun's reader can take the process down with it on
-            one, so that another process has to try first, which takes a second.
+            one, so that another process tries first, which takes a second.
 
     Raises:
         UnreadableError: it is no recording, or nothing of the run is in it.
@@ -226,12 +226,12 @@ def read(path: Path, *, wary: bool = False) -> Recorded:
 
 def read_mcap(path: Path) -> dict[str, Array]:
     """Columns of an MCAP recording by name, (T, ...), and ``time_s``, (T,)."""
-    return dict(read(path).columns)
+    return dict(read(path, wary=False).columns)
 
 
 def read_rrd(path: Path) -> dict[str, Array]:
     """Columns of a Rerun recording by name, (T, ...), and ``time_s``, (T,)."""
-    return dict(read(path).columns)
+    return dict(read(path, wary=False).columns)
 
 
 def _gather(path: Path, wary: bool) -> tuple[str, _Found]:

@@ -44,7 +44,7 @@ def recover(path: Path, out: Path) -> Recorded:
         MjmergeError: nothing is missing from it.
         OutputError: the new file is there already, or cannot be written.
     """
-    found = read(path, wary=True)
+    found = read(path)
     if found.finished and found.verdict is not None and not found.fault:
         raise MjmergeError(f"{path} is whole: there is nothing to recover")
     about = header(found)

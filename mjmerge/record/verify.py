@@ -93,7 +93,7 @@ def verify(path: Path) -> Verified:
     Raises:
         UnreadableError: it is no recording, or it does not even say what the run was.
     """
-    found = read(path, wary=True)
+    found = read(path)
     checks = [_file(found), _schema(found)]
     if not checks[-1].right:
         return Verified(found, tuple(checks), None)
