@@ -1,0 +1,66 @@
+"""``mjmerge check``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from mjmerge import share
+from mjmerge.cli.progress import progress_bar
+from mjmerge.errors import MjmergeError, OutputError
+
+
+@dataclass(frozen=True)
+class Check:
+    """Run the regression gate. Exit code 0: floors and baselines hold; 1: not all; 3: a run stopped."""
+
+    scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Scenario files with a gate, or folders of them; by default the shipped ones."""
+    baselines: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of the baselines; by default baselines/ beside each scenario."""
+    only: Annotated[str, tyro.conf.arg(metavar="TEXT")] = ""
+    """Only rows with this in `scenario, row`."""
+    update: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Rewrite the baselines with what is measured now, and print what changed. Floors stay as they are."""
+    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Threads for the physics, 0 for all cores; does not change the result."""
+    junit: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Also write JUnit XML."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from rich.console import Console
+
+        from mjmerge import gate
+        from mjmerge.report import gate_failure, gate_json, gate_junit, gate_table
+
+        places = self.scenarios or (share.folder("scenarios"),)
+        rows = [r for r in gate.rows(places) if self.only in f"{r.file.stem}, {r.check.name}"]
+        if not rows:
+            raise MjmergeError(f"no row of the gate has {self.only!r} in its name")
+        with progress_bar(len(rows), "checking") as progress:
+            results = list(gate.run(rows, self.baselines, threads=self.threads, progress=progress))
+        said = gate.update(results, self.baselines) if self.update else []
+        if self.junit is not None:
+            try:
+                self.junit.write_bytes(gate_junit(results))
+            except OSError as error:
+                raise OutputError(f"cannot write {self.junit}: {error.strerror or error}") from error
+        failed = [result for result in results if result.problems]
+        if self.json:
+            print(json.dumps(gate_json(results)))
+        else:
+            console = Console(highlight=False)
+            if not self.update:
+                console.print(gate_table(results))
+            for line in said or [gate_failure(result) for result in failed]:
+                console.print(line, markup=False, soft_wrap=True)
+        if any(result.stopped for result in results):
+            return 3
+        return 1 if failed and not self.update else 0

@@ -1,0 +1,44 @@
+"""``mjmerge convert``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from mjmerge.errors import MjmergeError
+
+
+@dataclass(frozen=True)
+class Convert:
+    """Write a recording as a table, a row per tick, units in the column names."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    csv: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Write CSV."""
+    parquet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Write Parquet."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; by default beside the recording, with the ending .csv or .parquet."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from mjmerge.record.convert import to_csv, to_parquet
+        from mjmerge.record.read import read, recording
+
+        if not self.csv and not self.parquet:
+            raise MjmergeError("say what to write: --csv, --parquet or both")
+        if self.csv and self.parquet and self.out is not None:
+            raise MjmergeError("--out names one file: with it, choose either --csv or --parquet")
+        path = recording(self.file)
+        found = read(path)
+        beside = path.with_suffix("") if path.suffix == ".partial" else path
+        for wanted, ending, write in ((self.csv, ".csv", to_csv), (self.parquet, ".parquet", to_parquet)):
+            if wanted:
+                out = self.out or beside.with_suffix(ending)
+                write(found, out)
+                print(out)
+        return 0

@@ -1,0 +1,41 @@
+"""``mjmerge export``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from mjmerge.errors import OutputError
+
+
+@dataclass(frozen=True)
+class Export:
+    """Print the composed MJCF world of a scenario, or write it to a file."""
+
+    scenario: Annotated[str, tyro.conf.Positional]
+    """Name of a shipped scenario, or the path of a YAML file."""
+    set_: Annotated[
+        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """Any scenario key; repeatable."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File to write; standard output by default."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from mjmerge.loader import load
+        from mjmerge.world import build
+
+        xml = build(load(self.scenario, self.set_)).xml
+        if self.out is None:
+            print(xml)
+            return 0
+        try:
+            with self.out.open("x", encoding="utf-8") as file:
+                file.write(xml)
+        except OSError as error:
+            raise OutputError(f"cannot write {self.out}: {error.strerror or error}") from error
+        return 0

@@ -1,0 +1,62 @@
+"""``mjmerge list``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from mjmerge import share
+
+
+@dataclass(frozen=True)
+class List:
+    """List what there is: scenarios, campaigns, models, laws, drivers and plants, with a line on each."""
+
+    what: Annotated[
+        Literal["all", "scenarios", "campaigns", "models", "laws", "drivers", "plants"], tyro.conf.Positional
+    ] = "all"
+    """Which kind to list."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from rich.console import Console
+        from rich.table import Table
+
+        from mjmerge.acceptance import acceptance
+        from mjmerge.campaign import described as campaign_line
+        from mjmerge.drivers import kinds
+        from mjmerge.law import VARIANTS
+        from mjmerge.loader import data_sheet, load
+        from mjmerge.plant import PLANTS
+
+        def first_line(text: str | None) -> str:
+            return (text or "").strip().splitlines()[0]
+
+        def described(name: str, folder: Path) -> str:
+            state = acceptance(folder).state
+            return f"{data_sheet(name).description} (acceptance tests: {state})"
+
+        what: dict[str, Callable[[], dict[str, str]]] = {
+            "scenarios": lambda: {name: load(name).description for name in share.scenarios()},
+            "campaigns": lambda: {name: campaign_line(path) for name, path in share.campaigns().items()},
+            "models": lambda: {name: described(name, folder) for name, folder in share.models().items()},
+            "laws": lambda: VARIANTS,
+            "drivers": lambda: {name: first_line(cls.__doc__) for name, cls in sorted(kinds().items())},
+            "plants": lambda: PLANTS,
+        }
+        console = Console(highlight=False)
+        for kind, entries in what.items():
+            if self.what in ("all", kind):
+                grid = Table(
+                    title=kind, title_justify="left", title_style="bold", show_header=False, box=None
+                )
+                grid.add_column(style="cyan", no_wrap=True)
+                grid.add_column()
+                for name, line in entries().items():
+                    grid.add_row(name, line)
+                console.print(grid)
+        return 0

@@ -1,0 +1,46 @@
+"""``mjmerge replay``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from mjmerge.cli.progress import progress_bar
+from mjmerge.errors import MjmergeError
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Run a recording's scenario again and compare bit for bit. Exit code 0: same; 1: not; 2: unreadable."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Threads for the physics, 0 for all cores; does not change the result."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from rich.console import Console
+
+        from mjmerge.record.read import recording
+        from mjmerge.record.replay import replay
+
+        if self.threads < 0:
+            raise MjmergeError(f"--threads is {self.threads}; it must be at least 0")
+        path = recording(self.file)
+        with progress_bar(1.0, "replaying") as progress:
+            done = replay(path, self.threads, progress)
+        if self.json:
+            print(json.dumps(done.as_dict()))
+        else:
+            console = Console(highlight=False, soft_wrap=True)
+            console.print(f"[bold]{path}[/]")
+            for line in done.lines():
+                console.print(line, markup=False)
+        return 0 if done.same else 1

@@ -1,0 +1,36 @@
+"""``mjmerge reproduce``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from mjmerge.cli.progress import progress_bar
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Redraw the paper's figures and check its published facts. Exit code 0: all reproduced; 1: not all."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for figures, tables and animation; by default reproduced, where an earlier one makes way."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from rich.console import Console
+
+        from mjmerge.report import facts_table
+        from mjmerge.reproduce import reproduce
+
+        folder = self.out or Path("reproduced")
+        with progress_bar(1.0, "reproducing") as progress:
+            done = reproduce(folder, replace=self.out is None, progress=progress)
+        console = Console(highlight=False)
+        console.print(facts_table(done.findings))
+        if done.replaced:
+            console.print(f"what was in {folder} was replaced")
+        console.print(f"figures, tables and animation:  [bold]{folder}[/]", soft_wrap=True)
+        return 0 if done.complete else 1

@@ -1,0 +1,126 @@
+"""``mjmerge run``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from mjmerge.cli.progress import progress_bar
+from mjmerge.errors import MjmergeError
+
+if TYPE_CHECKING:
+    from mjmerge.record import Header
+    from mjmerge.record.live import Live
+
+PlantName = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Run a scenario, judge it, and record it. Exit code 0: the safety floor held; 1: it did not."""
+
+    scenario: Annotated[str, tyro.conf.Positional]
+    """Name of a shipped scenario (see `mjmerge list`), or the path of a YAML file."""
+    plant: PlantName = "mujoco"
+    """What moves the cars."""
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Seed of the first run; run i has seed + i."""
+    runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    """Number of simulations, each with its own seed; those worth a look are recorded."""
+    duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    """Simulated time, in place of the scenario's."""
+    set_: Annotated[
+        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """Any scenario key, as in `--set law.k_o=0`; repeatable."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Run folder; by default runs/<scenario>-<plant>-<seed>, where an earlier run makes way."""
+    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Threads for the physics, 0 for all cores; does not change the result."""
+    continuous: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Law and plant as one differential equation, solved to 1e-10; for the plants other than mujoco."""
+    live: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Show the run in a Rerun viewer while it goes on, in real time."""
+    live_at: Annotated[str | None, tyro.conf.arg(metavar="127.0.0.1:PORT")] = None
+    """Like --live, in a viewer that is open already."""
+    live_fast: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Like --live, as fast as possible."""
+    record: bool = True
+    """Write run.rrd, run.mcap and the rest of the run folder."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from rich.console import Console
+
+        from mjmerge.loader import load
+        from mjmerge.report import table
+        from mjmerge.run import run
+
+        for name, value, least in (
+            ("runs", self.runs, 1),
+            ("seed", self.seed, 0),
+            ("threads", self.threads, 0),
+        ):
+            if value < least:
+                raise MjmergeError(f"--{name} is {value}; it must be at least {least}")
+        overrides = list(self.set_)
+        if self.duration is not None:
+            overrides.append(f"duration_s={self.duration!r}")
+        scenario = load(self.scenario, overrides)
+        folder = self.out
+        if folder is None and self.record:
+            plant = f"{self.plant}_continuous" if self.continuous else self.plant
+            folder = Path("runs") / f"{scenario.name}-{plant}-{self.seed}"
+
+        with progress_bar(scenario.duration_s) as progress:
+            done = run(
+                scenario,
+                self.plant,
+                runs=self.runs,
+                seed=self.seed,
+                threads=self.threads,
+                continuous=self.continuous,
+                folder=folder,
+                replace=self.out is None,
+                record=self.record,
+                live=self._live(),
+                progress=progress,
+            )
+        if done.unseen_s:
+            print(f"mjmerge: the live view did not show {done.unseen_s:.1f} s of the run", file=sys.stderr)
+        for failure in done.failures:
+            print(f"mjmerge: recorder failed: {failure}", file=sys.stderr)
+        if self.json:
+            print(json.dumps(done.summary))
+            return done.exit_code
+        console = Console(highlight=False)
+        many = f", {self.runs} runs" if self.runs > 1 else ""
+        time_ = ", continuous time" if self.continuous else ""
+        console.print(f"[bold]{scenario.name}[/] on {self.plant}{time_}, seed {self.seed}{many}")
+        for override in overrides:
+            console.print(f"  {override}", markup=False)
+        console.print(table(done.summary))
+        if folder is not None:
+            if done.replaced:
+                console.print(f"the earlier run in {folder} was replaced")
+            if self.record and not done.failures:
+                console.print(f"look at it:  [bold]mjmerge view {folder}[/]", soft_wrap=True)
+        return done.exit_code
+
+    def _live(self) -> Callable[[Header], Live] | None:
+        """What shows the run, if it is to be shown."""
+        if not (self.live or self.live_fast or self.live_at is not None):
+            return None
+        from mjmerge.record.live import Live, port_of
+
+        port = None if self.live_at is None else port_of(self.live_at)
+        return partial(Live, port=port, real_time=not self.live_fast)

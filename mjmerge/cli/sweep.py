@@ -1,0 +1,175 @@
+"""``mjmerge sweep``."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+import tyro
+
+from mjmerge.cli.progress import runs_bar
+from mjmerge.errors import MjmergeError
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Run a campaign, a ladder or a search for breaking points.
+
+    A campaign is many runs: a table, a report, and failure rates with intervals. Interrupted, it goes on
+    where it was when it is run again. Exit code 0: all runs ended, whatever came of them (`mjmerge check` is
+    the gate); 2: bad input; 3: some simulation ended early.
+    """
+
+    kept: ClassVar[str] = "what is finished is kept; run it again to go on"
+
+    what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="CAMPAIGN|SCENARIO")]
+    """Name of a shipped campaign (see `mjmerge list campaigns`) or the path of a YAML file; with --ladder and
+    --break, a scenario."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for everything; by default sweeps/<campaign>, ladders/<scenario> or breaking/<scenario>."""
+    workers: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Processes to spread over, 0 for one per core; does not change the result."""
+    ladder: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Run the scenario from the paper's own world to physical cars, rung by rung: what each costs."""
+    break_: Annotated[
+        tuple[str, ...], tyro.conf.arg(name="break", metavar="AXIS"), tyro.conf.UseAppendAction
+    ] = ()
+    """Find the smallest mismatch that breaks the scenario, as in `--break mismatch.friction` or, with a
+    range, `--break mismatch.friction=1:0.1`; repeatable. `--break AXIS,OTHER` finds the frontier of two."""
+    until: Literal["unsafe", "floor"] = "unsafe"
+    """With --break, what counts as broken: d_j <= 0 or touching bodies, or the scenario's safety floor."""
+    plant: str = "mujoco"
+    """With --break, what moves the cars."""
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """With --ladder and --break, seed of the runs (a campaign has its own)."""
+    seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    """With --break, run each point with so many seeds: it breaks if one does."""
+    set_: Annotated[
+        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """With --ladder and --break, any scenario key; repeatable."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        for name, value, least in (
+            ("workers", self.workers, 0),
+            ("seed", self.seed, 0),
+            ("seeds", self.seeds, 1),
+        ):
+            if value < least:
+                raise MjmergeError(f"--{name} is {value}; it must be at least {least}")
+        if self.ladder and self.break_:
+            raise MjmergeError("--ladder and --break are two things: choose one")
+        if not (self.ladder or self.break_):
+            if self.set_ or self.seed or self.seeds != 1:
+                raise MjmergeError(
+                    "a campaign has its own keys and seeds: --set, --seed and --seeds are for --break"
+                )
+            return self._campaign()
+        return self._ladder() if self.ladder else self._break()
+
+    def _processes(self) -> int:
+        return self.workers or len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else [0])
+
+    def _campaign(self) -> int:
+        from rich.console import Console
+
+        from mjmerge import sweep_report
+        from mjmerge.campaign import plan
+        from mjmerge.sweep import TABLE, sweep
+
+        planned = plan(self.what)
+        folder = self.out or Path("sweeps") / planned.name
+        with runs_bar(len(planned.cases)) as progress:
+            found = sweep(planned, folder, processes=self._processes(), progress=progress)
+        sweep_report.write(planned, found, folder)
+        summary = sweep_report.summary(planned, found)
+        if self.json:
+            print(json.dumps(summary | {"out": str(folder)}))
+        else:
+            console = Console(highlight=False)
+            console.print(f"[bold]{planned.name}[/], {len(planned.cases)} runs")
+            console.print(sweep_report.rich_table(found))
+            if summary["worst"]:
+                console.print("the worst run:  ", end="")
+                console.print(summary["worst"][0]["command"], markup=False, soft_wrap=True)
+            console.print(
+                f"table and report:  [bold]{folder / TABLE}[/], {sweep_report.REPORT}", soft_wrap=True
+            )
+        return 3 if summary["stopped"] else 0
+
+    def _ladder(self) -> int:
+        from rich.console import Console
+
+        from mjmerge import ladder
+        from mjmerge.campaign import given
+        from mjmerge.run import prepare
+        from mjmerge.sweep import workers
+
+        with workers(self._processes()) as team, runs_bar(len(ladder.RUNGS)) as progress:
+            found = ladder.climb(
+                self.what, given(self.set_), team, seed=self.seed, progress=lambda done: progress(done, 0)
+            )
+        folder = self.out or Path("ladders") / found.scenario.name
+        prepare(folder, self.out is None, ladder.FILES)
+        ladder.write(found, folder)
+        if self.json:
+            print(json.dumps(ladder.as_json(found) | {"out": str(folder)}))
+        else:
+            console = Console(highlight=False)
+            console.print(f"[bold]{found.scenario.name}[/], rung by rung")
+            console.print(ladder.rich_table(found))
+            console.print(f"plot and table:  [bold]{folder}[/]", soft_wrap=True)
+        return 3 if any(rung.row["stopped"] for rung in found.rungs) else 0
+
+    def _break(self) -> int:
+        from rich.console import Console
+
+        from mjmerge import breaking
+        from mjmerge.campaign import given
+        from mjmerge.loader import load
+        from mjmerge.run import prepare
+        from mjmerge.sweep import workers
+
+        settings = given(self.set_)
+        pairs = [text.split(",") for text in self.break_]
+        if any(len(pair) > 2 for pair in pairs) or (len(pairs) > 1 and any(len(pair) == 2 for pair in pairs)):
+            raise MjmergeError("--break takes axes one by one, or once two of them: --break AXIS,OTHER")
+        axes = [breaking.ranged(pair[0], self.what, settings) for pair in pairs]
+        across = breaking.ranged(pairs[0][1], self.what, settings) if len(pairs[0]) == 2 else None
+        name = load(self.what).name
+        folder = self.out or Path("breaking") / name
+        prepare(folder, self.out is None, breaking.FILES)
+        with workers(self._processes()) as team:
+            found = breaking.search(
+                self.what,
+                self.plant,
+                axes,
+                settings,
+                team,
+                across=across,
+                until=self.until,
+                seeds=range(self.seed, self.seed + self.seeds),
+                progress=lambda text: print(text, file=sys.stderr),
+            )
+        title = f"{name} on {self.plant}"
+        breaking.write(found, folder, title, self.until, across)
+        if self.json:
+            print(
+                json.dumps(
+                    {"scenario": name, "plant": self.plant, "until": self.until, "out": str(folder)}
+                    | {"axes": breaking.as_json(found, across)}
+                )
+            )
+        else:
+            console = Console(highlight=False)
+            console.print(f"[bold]{title}[/]: the smallest mismatch that breaks it")
+            console.print(breaking.rich_table(found, across))
+            console.print(f"plot and every point:  [bold]{folder}[/]", soft_wrap=True)
+        return 0

@@ -1,0 +1,41 @@
+"""``mjmerge theorem``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from mjmerge.cli.progress import progress_bar
+from mjmerge.errors import MjmergeError
+
+
+@dataclass(frozen=True)
+class Theorem:
+    """Look for a counterexample to the theorem in random worlds. Exit code 0: there is none; 1: there is."""
+
+    runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1000
+    """Number of worlds."""
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Seed of the first 50 worlds; the next 50 have the next one."""
+    duration: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 12.0
+    """Simulated time of each."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from rich.console import Console
+
+        from mjmerge.report import theorem_table
+        from mjmerge.theorem import tally
+
+        if self.runs < 1 or self.seed < 0 or not 0 < self.duration < float("inf"):
+            raise MjmergeError("--runs must be at least 1, --seed at least 0, --duration positive and finite")
+        with progress_bar(self.runs, "looking for a counterexample") as progress:
+            done = tally(self.runs, self.seed, self.duration, progress)
+        Console(highlight=False).print(theorem_table(done))
+        for seed, i, world, duration_s in done.counterexamples:
+            print(f"counterexample (seed {seed}, world {i}), after {duration_s} s: {world}")
+        if done.violated:
+            return 1
+        return 3 if done.stuck else 0

@@ -1,0 +1,36 @@
+"""``mjmerge verify``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Verify:
+    """Check a recording with nothing but the file. Exit code 0: right; 1: something wrong; 2: unreadable."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A .mcap or .rrd file, finished or not, or a run folder."""
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print one JSON object and nothing else on standard output."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        from rich.console import Console
+
+        from mjmerge.record.read import recording
+        from mjmerge.record.verify import table, verify
+
+        found = verify(recording(self.file))
+        if self.json:
+            print(json.dumps(found.as_dict()))
+        else:
+            console = Console(highlight=False)
+            console.print(f"[bold]{found.recorded.path}[/]", soft_wrap=True)
+            console.print(table(found))
+        return 0 if found.right else 1
