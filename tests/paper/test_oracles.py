@@ -7,11 +7,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from mjmerge import load, simulate
 from mjmerge.law import Sensed, decide
 from mjmerge.law.barrier import barrier
 from mjmerge.law.opinion import rates
+from mjmerge.loader import data_sheet
 from mjmerge.scenario import Law
 
 LAW = Law(r_rho_m=-1.206, r_eta_m=1.457)
@@ -103,6 +105,38 @@ def test_delay_makes_the_barrier_oscillate_below_2_k_o_tau_over_pi():
     assert late[0] > 1.5 * early[0]
     assert late[1] < early[1] / 1.5
     assert np.count_nonzero(np.diff(np.sign(v[-periods:, 0]))) == 4  # at the bound the period is 4 tau
+
+
+def dead_time_limit_s(scenario):
+    """The dead time at which a kinematic bicycle behind its inverse starts to weave, without a barrier.
+
+    Across the road, for small angles and a = v/L, the front axle obeys v delta' = y'' - a v delta, and a
+    command that is tau late makes delta'(t) = (u/v - a delta)(t - tau), u = -k_p y - k_v y'. So
+    s^3 + e^(-tau s) (a s^2 + (s + a)(k_v s + k_p)) = 0, whose first root on the imaginary axis is looked for.
+    """
+    law, v = scenario.law, scenario.initial.ego.speed_mps
+    a = v / data_sheet(scenario.models.ego).wheelbase_m
+
+    def late(s):
+        return a * s * s + (s + a) * (law.k_v * s + law.k_p)
+
+    w = brentq(lambda w: abs(late(1j * w)) - w**3, a, 4 * a)
+    return (-np.angle(-((1j * w) ** 3) / late(1j * w))) % (2 * pi) / w
+
+
+@pytest.mark.parametrize(("name", "duration_s"), [("paper", 12), ("highway", 30)])
+def test_a_late_bicycle_inverse_weaves_from_where_its_characteristic_equation_says(name, duration_s):
+    scenario = load(name)
+    limit_s = dead_time_limit_s(scenario) - scenario.control_step_s / 2  # a held command is late by that
+    early, end = {}, {}
+    for part in (0.95, 1.0, 1.05):
+        late = [f"mismatch.command_delay_s={part * limit_s}", "law.k_o=0", f"duration_s={duration_s}"]
+        trace = simulate(load(name, late), "bicycle")
+        steer = trace.steer_rad[0, :, 0]
+        early[part], end[part] = (np.ptp(steer[int(at * len(steer)) :][:150]) for at in (0.5, 0.85))
+    assert end[1.0] == pytest.approx(early[1.0], rel=0.2)
+    assert end[0.95] < end[1.0] / 10
+    assert np.isnan(end[1.05])  # it ran away
 
 
 # The closed loop beside neighbours at rest, in the leader's frame: x = p, v, z, mu.
