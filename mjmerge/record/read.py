@@ -468,6 +468,8 @@ def _gather_rrd(path: Path) -> _Found:
                 parts[entity].append((time_ns_of(batch), arrow.numbers(batch[messages[entity]])))
             except ValueError as error:
                 found.fault = f"{entity}: {error}"
+        elif entity.endswith(schema.LAW_TOPIC):
+            found.fault = "it shows several runs side by side; take their own recordings"
         elif entity in texts and "TextDocument:text" in names:
             found.texts[texts[entity]] = one(batch, "TextDocument:text")
         elif entity == "/__properties/run" and "manifest" in names:

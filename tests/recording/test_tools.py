@@ -207,6 +207,9 @@ def test_compare_says_how_far_two_runs_are_apart_and_when(mjmerge, folders, tmp_
     assert code == 0
     assert "furthest apart" in out
     assert (tmp_path / "compared" / "compare.rrd").stat().st_size > 10_000
+    code, _, err = mjmerge("verify", tmp_path / "compared" / "compare.rrd")
+    assert code == 2
+    assert "several runs" in err
 
 
 def test_compare_of_the_same_run_in_two_formats_is_identical(mjmerge, folders) -> None:
