@@ -76,7 +76,8 @@ def data_sheet(model: str) -> DataSheet:
     """
     path = share.model_folder(model) / "datasheet.yaml"
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE_BYTES + 1)
     except OSError:
         content = b""
     return _data_sheet(path, content)
