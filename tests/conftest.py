@@ -1,6 +1,8 @@
 """What all tests share: no graphics, repeatable properties, and small scenarios and traces."""
 
 import os
+import signal
+import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -8,6 +10,9 @@ import pytest
 from hypothesis import settings
 
 os.environ.setdefault("MUJOCO_GL", "disable")  # before anything imports mujoco
+in_main = threading.current_thread() is threading.main_thread()
+if in_main and signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # started in the background:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # commands would inherit that
 
 settings.register_profile("mjmerge", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("mjmerge")
