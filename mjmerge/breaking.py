@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from mjmerge.campaign import MISMATCH, Batches, Case, planned, size_of
 from mjmerge.errors import MjmergeError, nearest
 from mjmerge.figures import COLOURS, LINE, save
 from mjmerge.levels import LEVELS
 from mjmerge.mismatch import Mismatch, is_number
 from mjmerge.outcome import FAILED, cause
-from mjmerge.sweep import Workers, measured
+from mjmerge.plan import MISMATCH, Batches, Case, planned, size_of
+from mjmerge.sweep import measured
+from mjmerge.workers import Workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.campaign import MISMATCH, Batches, Case, planned, size_of
 from mjmerge.figures import COLOURS, LINE, save, sheet
 from mjmerge.mismatch import Mismatch
+from mjmerge.plan import MISMATCH, Batches, Case, planned, size_of
 from mjmerge.scenario import Scenario
-from mjmerge.sweep import Progress, Workers, measured
+from mjmerge.sweep import measured
+from mjmerge.workers import Progress, Workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

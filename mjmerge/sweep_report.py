@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.campaign import GRID, RANDOM, Plan
+from mjmerge.campaign import GRID, RANDOM
 from mjmerge.figures import COLOURS, LINE, MU, save, sheet
 from mjmerge.outcome import EMPTY, FAILED, PASSED, cause
+from mjmerge.plan import Plan
 from mjmerge.record.manifest import versions
 from mjmerge.statistics import CONFIDENCE, Rate, clopper_pearson
 

@@ -82,7 +82,8 @@ class Sweep:
 
         from mjmerge import sweep_report
         from mjmerge.campaign import plan
-        from mjmerge.sweep import TABLE, sweep
+        from mjmerge.sweep import sweep
+        from mjmerge.sweep_folder import TABLE
 
         planned = plan(self.what)
         folder = self.out or Path("sweeps") / planned.name
@@ -108,9 +109,9 @@ class Sweep:
         from rich.console import Console
 
         from mjmerge import ladder
-        from mjmerge.campaign import given
+        from mjmerge.plan import given
         from mjmerge.run import prepare
-        from mjmerge.sweep import workers
+        from mjmerge.workers import workers
 
         with workers(self._processes()) as team, runs_bar(len(ladder.RUNGS)) as progress:
             found = ladder.climb(
@@ -132,10 +133,10 @@ class Sweep:
         from rich.console import Console
 
         from mjmerge import breaking
-        from mjmerge.campaign import given
         from mjmerge.loader import load
+        from mjmerge.plan import given
         from mjmerge.run import prepare
-        from mjmerge.sweep import workers
+        from mjmerge.workers import workers
 
         settings = given(self.set_)
         pairs = [text.split(",") for text in self.break_]

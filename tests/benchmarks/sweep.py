@@ -23,7 +23,8 @@ from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
 
-from mjmerge.campaign import Plan, plan
+from mjmerge.campaign import plan
+from mjmerge.plan import Plan
 from mjmerge.scenario import CARS
 from mjmerge.sweep import sweep
 from mjmerge.world import World, build

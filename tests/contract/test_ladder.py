@@ -9,7 +9,7 @@ import pytest
 
 from mjmerge.cli import main
 from mjmerge.ladder import FILES, RUNGS, climb
-from mjmerge.sweep import Workers
+from mjmerge.workers import Workers
 
 KEYS = {"duration_s": 0.5, "initial.ego.front_m": [-1.2, 1.1]}
 

@@ -15,13 +15,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import mjmerge
 from mjmerge import campaign, sweep_report
 from mjmerge.cli import main
 from mjmerge.contract import judge
 from mjmerge.errors import OutputError
 from mjmerge.outcome import EMPTY, FAILED, PASSED, rows
-from mjmerge.sweep import SHARDS, TABLE, shards, sweep
+from mjmerge.sweep import sweep
+from mjmerge.sweep_folder import SHARDS, TABLE, code_files
 from mjmerge.trace import Stop
+from mjmerge.workers import shards
 
 CAMPAIGN = """\
 description: Small, and in many shards.
@@ -136,7 +139,7 @@ def test_another_campaign_scenario_or_version_in_the_same_folder_is_refused(file
     with pytest.raises(OutputError, match="another campaign"):
         sweep(campaign.plan(file), tmp_path / "out")
     file.write_text(text)
-    monkeypatch.setattr("mjmerge.sweep.versions", lambda: {"mujoco": "9.9"})
+    monkeypatch.setattr("mjmerge.sweep_folder.versions", lambda: {"mujoco": "9.9"})
     with pytest.raises(OutputError, match=r"version of mujoco \(3.*now 9\.9\)"):
         sweep(campaign.plan(file), tmp_path / "out")
 
@@ -149,6 +152,12 @@ def test_a_folder_with_other_files_is_left_alone(file, tmp_path, capsys):
     assert stop.value.code == 2
     assert "--out" in capsys.readouterr().err
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["thesis.tex"]
+
+
+def test_only_the_command_line_may_change_before_an_unfinished_sweep_goes_on():
+    package = Path(mjmerge.__file__).parent
+    left_out = {p.relative_to(package).parts[0] for p in set(package.rglob("*.py")) - set(code_files())}
+    assert left_out == {"cli"}
 
 
 def test_a_damaged_shard_is_run_again(file, tmp_path):

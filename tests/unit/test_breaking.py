@@ -13,7 +13,7 @@ import mjmerge
 from mjmerge import breaking
 from mjmerge.breaking import FRONTIER, WITHIN, Range, ranged, search
 from mjmerge.errors import MjmergeError
-from mjmerge.sweep import Workers
+from mjmerge.workers import Workers
 
 KEY = "mismatch.neighbour_position_noise_m"
 OTHER = "mismatch.position_noise_m"

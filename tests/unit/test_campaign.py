@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge import campaign as campaigns
+from mjmerge import plan as plans
 from mjmerge import share
-from mjmerge.campaign import GRID, NONE, RANDOM, Batches, Campaign, plan, written
+from mjmerge.campaign import GRID, RANDOM, Campaign, plan
 from mjmerge.document import parse
 from mjmerge.errors import MjmergeError, ScenarioError
 from mjmerge.loader import json_schema, load
+from mjmerge.plan import NONE, Batches, written
 
 WRONG = """\
 description: everything wrong
@@ -171,9 +172,9 @@ def test_what_is_written_on_a_command_line_reads_as_the_same_value(value):
 
 
 def test_settings_on_the_command_line_are_read_like_a_file():
-    assert campaigns.given(["law.k_o=0", "mismatch.tyres=ideal"]) == {"law.k_o": 0, "mismatch.tyres": "ideal"}
+    assert plans.given(["law.k_o=0", "mismatch.tyres=ideal"]) == {"law.k_o": 0, "mismatch.tyres": "ideal"}
     with pytest.raises(MjmergeError, match="KEY=VALUE"):
-        campaigns.given(["law.k_o"])
+        plans.given(["law.k_o"])
 
 
 def test_a_case_from_the_command_line_is_checked():
