@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from mjmerge import share
+from mjmerge.cli.options import Count, Flag, at_least
 from mjmerge.cli.progress import progress_bar
 from mjmerge.errors import MjmergeError, OutputError
 
@@ -24,13 +25,13 @@ class Check:
     """Folder of the baselines; by default baselines/ beside each scenario."""
     only: Annotated[str, tyro.conf.arg(metavar="TEXT")] = ""
     """Only rows with this in `scenario, row`."""
-    update: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    update: Flag = False
     """Rewrite the baselines with what is measured now, and print what changed. Floors stay as they are."""
-    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
     junit: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Also write JUnit XML."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
     def __call__(self) -> int:
@@ -40,6 +41,7 @@ class Check:
         from mjmerge import gate
         from mjmerge.report import gate_failure, gate_json, gate_junit, gate_table
 
+        at_least(0, threads=self.threads)
         places = self.scenarios or (share.folder("scenarios"),)
         rows = [r for r in gate.rows(places) if self.only in f"{r.file.stem}, {r.check.name}"]
         if not rows:

@@ -9,6 +9,8 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import Flag
+
 
 @dataclass(frozen=True)
 class Compare:
@@ -20,7 +22,7 @@ class Compare:
     """Another."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for figure and recording; by default compared, where an earlier one makes way."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
     def __call__(self) -> int:

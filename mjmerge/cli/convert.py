@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import Flag
 from mjmerge.errors import MjmergeError
 
 
@@ -17,9 +18,9 @@ class Convert:
 
     file: Annotated[Path, tyro.conf.Positional]
     """A .mcap or .rrd file, finished or not, or a run folder."""
-    csv: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    csv: Flag = False
     """Write CSV."""
-    parquet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    parquet: Flag = False
     """Write Parquet."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File to write; by default beside the recording, with the ending .csv or .parquet."""

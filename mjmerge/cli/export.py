@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import Overrides
 from mjmerge.errors import OutputError
 
 
@@ -17,9 +18,7 @@ class Export:
 
     scenario: Annotated[str, tyro.conf.Positional]
     """Name of a shipped scenario, or the path of a YAML file."""
-    set_: Annotated[
-        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
-    ] = ()
+    set_: Overrides = ()
     """Any scenario key; repeatable."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File to write; standard output by default."""

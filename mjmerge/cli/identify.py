@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from mjmerge import share
+from mjmerge.cli.options import Flag
 from mjmerge.cli.progress import progress_bar
 from mjmerge.errors import OutputError
 
@@ -22,9 +23,9 @@ class Identify:
     """Name of a shipped model (see `mjmerge list models`), or the path of its folder."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for table and plots; by default identified/<model>, where an earlier one makes way."""
-    accept: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    accept: Flag = False
     """Also store the table beside the model, where every run finds whether its cars were accepted."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
     def __call__(self) -> int:

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import Count, Flag, at_least
 from mjmerge.cli.progress import progress_bar
-from mjmerge.errors import MjmergeError
 
 
 @dataclass(frozen=True)
@@ -19,9 +19,9 @@ class Replay:
 
     file: Annotated[Path, tyro.conf.Positional]
     """A .mcap or .rrd file, finished or not, or a run folder."""
-    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
     def __call__(self) -> int:
@@ -31,8 +31,7 @@ class Replay:
         from mjmerge.record.read import recording
         from mjmerge.record.replay import replay
 
-        if self.threads < 0:
-            raise MjmergeError(f"--threads is {self.threads}; it must be at least 0")
+        at_least(0, threads=self.threads)
         path = recording(self.file)
         with progress_bar(1.0, "replaying") as progress:
             done = replay(path, self.threads, progress)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from mjmerge.cli.options import Count, Flag, Overrides, at_least
 from mjmerge.cli.progress import progress_bar
-from mjmerge.errors import MjmergeError
 
 if TYPE_CHECKING:
     from mjmerge.record import Header
@@ -30,31 +30,29 @@ class Run:
     """Name of a shipped scenario (see `mjmerge list`), or the path of a YAML file."""
     plant: PlantName = "mujoco"
     """What moves the cars."""
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    seed: Count = 0
     """Seed of the first run; run i has seed + i."""
-    runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    runs: Count = 1
     """Number of simulations, each with its own seed; those worth a look are recorded."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Simulated time, in place of the scenario's."""
-    set_: Annotated[
-        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
-    ] = ()
+    set_: Overrides = ()
     """Any scenario key, as in `--set law.k_o=0`; repeatable."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Run folder; by default runs/<scenario>-<plant>-<seed>, where an earlier run makes way."""
-    threads: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
-    continuous: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    continuous: Flag = False
     """Law and plant as one differential equation, solved to 1e-10; for the plants other than mujoco."""
-    live: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    live: Flag = False
     """Show the run in a Rerun viewer while it goes on, in real time."""
     live_at: Annotated[str | None, tyro.conf.arg(metavar="127.0.0.1:PORT")] = None
     """Like --live, in a viewer that is open already."""
-    live_fast: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    live_fast: Flag = False
     """Like --live, as fast as possible."""
     record: bool = True
     """Write run.rrd, run.mcap and the rest of the run folder."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
     def __call__(self) -> int:
@@ -65,13 +63,8 @@ class Run:
         from mjmerge.report import table
         from mjmerge.run import run
 
-        for name, value, least in (
-            ("runs", self.runs, 1),
-            ("seed", self.seed, 0),
-            ("threads", self.threads, 0),
-        ):
-            if value < least:
-                raise MjmergeError(f"--{name} is {value}; it must be at least {least}")
+        at_least(1, runs=self.runs)
+        at_least(0, seed=self.seed, threads=self.threads)
         overrides = list(self.set_)
         if self.duration is not None:
             overrides.append(f"duration_s={self.duration!r}")

@@ -9,17 +9,17 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import Count, at_least
 from mjmerge.cli.progress import progress_bar
-from mjmerge.errors import MjmergeError
 
 
 @dataclass(frozen=True)
 class Survey:
     """Count how often the decision goes wrong among random merges: the printed mu-law and the gated one."""
 
-    runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1000
+    runs: Count = 1000
     """Number of merges for each variant."""
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    seed: Count = 0
     """Seed of the first."""
     variants: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ("literal", "gated")
     """Variants of the law; see `mjmerge list laws`."""
@@ -32,8 +32,8 @@ class Survey:
         from mjmerge.survey import Survey as Found
         from mjmerge.survey import survey
 
-        if self.runs < 1 or self.seed < 0:
-            raise MjmergeError("--runs must be at least 1, --seed at least 0")
+        at_least(1, runs=self.runs)
+        at_least(0, seed=self.seed)
         found: list[Found] = []
         with progress_bar(self.runs * len(self.variants), "surveying") as progress:
             for variant in self.variants:

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
+from mjmerge.cli.options import Count, Flag, Overrides, at_least
 from mjmerge.cli.progress import runs_bar
 from mjmerge.errors import MjmergeError
 
@@ -31,9 +32,9 @@ class Sweep:
     --break, a scenario."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for everything; by default sweeps/<campaign>, ladders/<scenario> or breaking/<scenario>."""
-    workers: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
-    ladder: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    ladder: Flag = False
     """Run the scenario from the paper's own world to physical cars, rung by rung: what each costs."""
     break_: Annotated[
         tuple[str, ...], tyro.conf.arg(name="break", metavar="AXIS"), tyro.conf.UseAppendAction
@@ -44,26 +45,19 @@ class Sweep:
     """With --break, what counts as broken: d_j <= 0 or touching bodies, or the scenario's safety floor."""
     plant: str = "mujoco"
     """With --break, what moves the cars."""
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    seed: Count = 0
     """With --ladder and --break, seed of the runs (a campaign has its own)."""
-    seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    seeds: Count = 1
     """With --break, run each point with so many seeds: it breaks if one does."""
-    set_: Annotated[
-        tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
-    ] = ()
+    set_: Overrides = ()
     """With --ladder and --break, any scenario key; repeatable."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
-        for name, value, least in (
-            ("workers", self.workers, 0),
-            ("seed", self.seed, 0),
-            ("seeds", self.seeds, 1),
-        ):
-            if value < least:
-                raise MjmergeError(f"--{name} is {value}; it must be at least {least}")
+        at_least(0, workers=self.workers, seed=self.seed)
+        at_least(1, seeds=self.seeds)
         if self.ladder and self.break_:
             raise MjmergeError("--ladder and --break are two things: choose one")
         if not (self.ladder or self.break_):

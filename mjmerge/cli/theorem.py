@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import Count, at_least
 from mjmerge.cli.progress import progress_bar
 from mjmerge.errors import MjmergeError
 
@@ -15,9 +16,9 @@ from mjmerge.errors import MjmergeError
 class Theorem:
     """Look for a counterexample to the theorem in random worlds. Exit code 0: there is none; 1: there is."""
 
-    runs: Annotated[int, tyro.conf.arg(metavar="N")] = 1000
+    runs: Count = 1000
     """Number of worlds."""
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    seed: Count = 0
     """Seed of the first 50 worlds; the next 50 have the next one."""
     duration: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 12.0
     """Simulated time of each."""
@@ -29,8 +30,10 @@ class Theorem:
         from mjmerge.report import theorem_table
         from mjmerge.theorem import tally
 
-        if self.runs < 1 or self.seed < 0 or not 0 < self.duration < float("inf"):
-            raise MjmergeError("--runs must be at least 1, --seed at least 0, --duration positive and finite")
+        at_least(1, runs=self.runs)
+        at_least(0, seed=self.seed)
+        if not 0 < self.duration < float("inf"):
+            raise MjmergeError("--duration must be positive and finite")
         with progress_bar(self.runs, "looking for a counterexample") as progress:
             done = tally(self.runs, self.seed, self.duration, progress)
         Console(highlight=False).print(theorem_table(done))

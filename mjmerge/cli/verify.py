@@ -9,6 +9,8 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import Flag
+
 
 @dataclass(frozen=True)
 class Verify:
@@ -16,7 +18,7 @@ class Verify:
 
     file: Annotated[Path, tyro.conf.Positional]
     """A .mcap or .rrd file, finished or not, or a run folder."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
     def __call__(self) -> int:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from mjmerge.cli.options import Count
 from mjmerge.cli.progress import progress_bar
 from mjmerge.errors import MjmergeError
 
@@ -22,7 +23,7 @@ class Video:
     """From behind the ego, or from above."""
     speed: Annotated[float, tyro.conf.arg(metavar="FACTOR")] = 1.0
     """Simulated seconds per second of the video."""
-    fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
+    fps: Count = 30
     """Pictures per second."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File to write; by default beside the recording, with the ending .mp4."""
