@@ -7,19 +7,16 @@ is reported, and so the answer is the first break, seen from no mismatch.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from mjmerge.errors import MjmergeError, nearest
-from mjmerge.figures import COLOURS, LINE, save
 from mjmerge.levels import LEVELS
 from mjmerge.mismatch import Mismatch, is_number
-from mjmerge.outcome import FAILED, cause
+from mjmerge.outcome import FAILED
 from mjmerge.plan import MISMATCH, Batches, Case, planned, size_of
 from mjmerge.sweep import measured
 from mjmerge.workers import Workers
@@ -27,11 +24,6 @@ from mjmerge.workers import Workers
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from matplotlib.figure import Figure
-    from rich.table import Table
-
-FILES = ("breaking.png", "breaking.csv", "breaking.md")
-"""All that is written."""
 FIRST, NEXT = 17, 9
 """Points of the first round on a line, ends included, and of each round after it, within the bracket."""
 WITHIN = 1e-3
@@ -223,7 +215,7 @@ def search(
         for (axis, _, _), values, found in zip(lines, wanted, tried, strict=True):
             for value in values:
                 of = [next(rows) for _ in seeds]
-                row, case = max(of, key=lambda one: (_failed(one[0], until), -_margin(one[0])))
+                row, case = max(of, key=lambda one: (_failed(one[0], until), -margin(one[0])))
                 found.append(Tried(value, _failed(row, until), row, case))
             found.sort(key=lambda t: abs(t.value - axis.start))
 
@@ -243,6 +235,11 @@ def search(
     return results()
 
 
+def margin(row: Mapping[str, Any]) -> float:
+    """The least d_j of a run, in m; less than any other for one without data."""
+    return -np.inf if row["min_distance_m"] is None else float(row["min_distance_m"])
+
+
 def _within(found: Break) -> list[float]:
     """The next values to run; none where the interval is known well enough, or there is none."""
     if found.fails is None or found.passes is None:
@@ -260,157 +257,9 @@ def _failed(row: Mapping[str, Any], until: Until) -> bool:
     return row["unsafe_at_s"] is not None if until == "unsafe" else bool(row["outcome"] == FAILED)
 
 
-def _margin(row: Mapping[str, Any]) -> float:
-    return -np.inf if row["min_distance_m"] is None else float(row["min_distance_m"])
-
-
 def _number(value: float, other: float) -> str:
     """With as many digits as tell the two apart."""
     digits = 3
     while digits < 12 and f"{value:.{digits}g}" == f"{other:.{digits}g}":
         digits += 1
     return f"{value:.{digits + 1}g}"
-
-
-def write(
-    found: Sequence[Break], folder: Path, title: str, until: Until, across: Range | None = None
-) -> None:
-    """Plot, every point that was run, and text."""
-    figure = _frontier(found, title, across) if across is not None else _lines(found, title, until)
-    save(figure, folder / "breaking.png")
-    with (folder / "breaking.csv").open("w", encoding="utf-8", newline="") as file:
-        out = csv.writer(file, lineterminator="\n")
-        head = ("min_distance_m", "min_clearance_m", "verdict", "first_broken", "broken_at_s")
-        out.writerow(("axis", "value", across.key if across else "other", "failed", *head))
-        for line in found:
-            for t in line.tried:
-                out.writerow((line.range.key, t.value, line.fixed, t.failed, *(t.row[name] for name in head)))
-    (folder / "breaking.md").write_text(markdown(found, title, until, across), encoding="utf-8")
-
-
-def markdown(found: Sequence[Break], title: str, until: Until, across: Range | None = None) -> str:
-    """The intervals as a table."""
-    what = "d_j <= 0 or bodies that touch" if until == "unsafe" else "a broken safety floor"
-    lines = [f"# Breaking points of {title}", "", f"The smallest mismatch with {what}.", ""]
-    head = ["axis", *([across.key] if across else []), "breaks", "least d_j before (m)", "and after (m)"]
-    head += ["what broke first", "beyond it"]
-    lines += ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for one in found:
-        cells = [one.range.key, *([f"{one.fixed:.4g}"] if across else []), one.text]
-        cells += [_least(one.passes), _least(one.fails), _first(one), _beyond(one)]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*lines, "", "![Breaking points](breaking.png)"]) + "\n"
-
-
-def rich_table(found: Sequence[Break], across: Range | None = None) -> Table:
-    """The same for the terminal."""
-    from rich.table import Table
-
-    other = [across.key] if across else []
-    grid = Table("axis", *other, "breaks", "what broke first", "beyond it", box=None, pad_edge=False)
-    for one in found:
-        fixed = [f"{one.fixed:.4g}"] if across else []
-        grid.add_row(one.range.key, *fixed, one.text, _first(one), _beyond(one))
-    return grid
-
-
-def as_json(found: Sequence[Break], across: Range | None = None) -> list[dict[str, Any]]:
-    """What ``--json`` prints."""
-    return [
-        {
-            "axis": one.range.key,
-            "searched": [one.range.start, one.range.end],
-            **({across.key: one.fixed} if across else {}),
-            "passes_at": one.passes.value if one.passes else None,
-            "fails_at": one.fails.value if one.fails else None,
-            "min_distance_before_m": one.passes.row["min_distance_m"] if one.passes else None,
-            "min_distance_after_m": one.fails.row["min_distance_m"] if one.fails else None,
-            "first_broken": cause(one.fails.row) if one.fails else None,
-            "passes_again_at": [t.value for t in one.again],
-            "command": " ".join(("mjmerge", *one.fails.case.command)) if one.fails else None,
-        }
-        for one in found
-    ]
-
-
-def _least(tried: Tried | None) -> str:
-    value = tried.row["min_distance_m"] if tried else None
-    return "-" if value is None else f"{value:.4f}"
-
-
-def _first(one: Break) -> str:
-    return "-" if one.fails is None else cause(one.fails.row) or "nothing before it"
-
-
-def _beyond(one: Break) -> str:
-    if one.fails is None:
-        return "-"
-    return (
-        f"passes again at {', '.join(f'{t.value:.4g}' for t in one.again)}" if one.again else "stays broken"
-    )
-
-
-def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
-    """Least d_j along every axis, what failed as crosses, and the interval of the first break."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 0.6 + 2.5 * len(found)), layout="constrained")
-    FigureCanvasAgg(figure)
-    for axes, one in zip(figure.subplots(len(found), 1, squeeze=False)[:, 0], found, strict=True):
-        known = [t for t in one.tried if t.row["min_distance_m"] is not None]
-        axes.plot(
-            [t.value for t in known],
-            [_margin(t.row) for t in known],
-            color=COLOURS["vehicle_1"],
-            linewidth=0.8,
-        )
-        for failed, marker, colour in ((False, "o", COLOURS["ego"]), (True, "X", LINE)):
-            part = [t for t in known if t.failed == failed]
-            label = ("safe", "unsafe")[failed] if until == "unsafe" else ("above the floor", "below")[failed]
-            axes.scatter(
-                [t.value for t in part],
-                [_margin(t.row) for t in part],
-                marker=marker,
-                s=22,
-                color=colour,
-                zorder=3,
-                label=label,
-            )
-        axes.axhline(0, color=LINE, linewidth=1)
-        if one.fails and one.passes:
-            axes.axvline(one.fails.value, color=LINE, linestyle="--", linewidth=0.8)
-        axes.set_xlabel(one.range.key)
-        axes.set_ylabel("least $d_j$ (m)")
-        axes.set_title(f"breaks {one.text}", fontsize=9)
-        axes.grid(alpha=0.25)
-        axes.legend(frameon=False, fontsize=8)
-    figure.suptitle(title)
-    return figure
-
-
-def _frontier(found: Sequence[Break], title: str, across: Range) -> Figure:
-    """Where one axis breaks, over the value of the other; every point that was run behind it."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    axis = found[0].range
-    for failed, colour, marker, label in (
-        (False, COLOURS["ego"], "o", "passed"),
-        (True, LINE, "X", "failed"),
-    ):
-        at = [(line.fixed or 0.0, t.value) for line in found for t in line.tried if t.failed == failed]
-        x, y = [v for v, _ in at], [v for _, v in at]
-        axes.scatter(x, y, s=12, alpha=0.5, linewidth=0, color=colour, marker=marker, label=label)
-    edge = [axis.end if line.fails is None else line.fails.value for line in found]
-    beside = [line.fixed or 0.0 for line in found]
-    axes.plot(beside, edge, color="black", linewidth=1.2, label="first break (or end of the search)")
-    axes.set_xlabel(across.key)
-    axes.set_ylabel(axis.key)
-    axes.grid(alpha=0.25)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    figure.suptitle(title)
-    return figure

@@ -55,6 +55,10 @@ FLAGS = ("floor_held", "underflow")
 Row = dict[str, float | str | bool | None]
 
 
+Rows = list[dict[str, Any]]
+"""Rows of a table, by column."""
+
+
 def rows(trace: Trace, verdicts: Sequence[Verdict]) -> list[Row]:
     """One row for every simulation of a trace, with the columns ``NUMBERS``, ``TEXTS`` and ``FLAGS``."""
     least = trace.min_distance_m.min(axis=1)  # NaN where either is unknown
@@ -133,3 +137,11 @@ def _contacts(trace: Trace) -> tuple[Array, Array, Array]:
 def _known(value: float) -> float | None:
     """A number, or ``None`` for NaN: in a table, what is not known is missing."""
     return None if np.isnan(value) else float(value)
+
+
+def groups(rows: Rows, keys: Sequence[str] = ("scenario", "plant", "variant")) -> dict[tuple[Any, ...], Rows]:
+    """Rows by the values of some columns, in the order they come up."""
+    found: dict[tuple[Any, ...], Rows] = {}
+    for row in rows:
+        found.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return found

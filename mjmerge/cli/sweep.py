@@ -126,7 +126,7 @@ class Sweep:
     def _break(self) -> int:
         from rich.console import Console
 
-        from mjmerge import breaking
+        from mjmerge import breaking, breaking_report
         from mjmerge.loader import load
         from mjmerge.plan import given
         from mjmerge.run import prepare
@@ -140,7 +140,7 @@ class Sweep:
         across = breaking.ranged(pairs[0][1], self.what, settings) if len(pairs[0]) == 2 else None
         name = load(self.what).name
         folder = self.out or Path("breaking") / name
-        prepare(folder, self.out is None, breaking.FILES)
+        prepare(folder, self.out is None, breaking_report.FILES)
         with workers(self._processes()) as team:
             found = breaking.search(
                 self.what,
@@ -154,17 +154,17 @@ class Sweep:
                 progress=lambda text: print(text, file=sys.stderr),
             )
         title = f"{name} on {self.plant}"
-        breaking.write(found, folder, title, self.until, across)
+        breaking_report.write(found, folder, title, self.until, across)
         if self.json:
             print(
                 json.dumps(
                     {"scenario": name, "plant": self.plant, "until": self.until, "out": str(folder)}
-                    | {"axes": breaking.as_json(found, across)}
+                    | {"axes": breaking_report.as_json(found, across)}
                 )
             )
         else:
             console = Console(highlight=False)
             console.print(f"[bold]{title}[/]: the smallest mismatch that breaks it")
-            console.print(breaking.rich_table(found, across))
+            console.print(breaking_report.rich_table(found, across))
             console.print(f"plot and every point:  [bold]{folder}[/]", soft_wrap=True)
         return 0

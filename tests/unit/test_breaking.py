@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mjmerge
-from mjmerge import breaking
+from mjmerge import breaking, breaking_report
 from mjmerge.breaking import FRONTIER, WITHIN, Range, ranged, search
 from mjmerge.errors import MjmergeError
 from mjmerge.workers import Workers
@@ -72,7 +72,7 @@ def test_what_passes_again_beyond_the_first_break_is_reported(world):
     assert found.fails.value == pytest.approx(0.2677, abs=2e-3)
     assert found.again
     assert all(t.value > 0.66 for t in found.again)
-    assert "passes again" in breaking.markdown([found], "x", "unsafe")
+    assert "passes again" in breaking_report.markdown([found], "x", "unsafe")
 
 
 def test_nothing_breaks_everything_breaks(world):
@@ -112,8 +112,8 @@ def test_real_runs_on_both_sides_of_a_breaking_point_are_what_it_says(tmp_path):
         trace = mjmerge.simulate(scenario, "double_integrator")
         assert (trace.min_distance_m.min() > 0) == safe
         assert trace.min_distance_m.min() == tried.row["min_distance_m"]
-    breaking.write([found], tmp_path, "charge", "unsafe")
-    assert {p.name for p in tmp_path.iterdir()} == set(breaking.FILES)
+    breaking_report.write([found], tmp_path, "charge", "unsafe")
+    assert {p.name for p in tmp_path.iterdir()} == set(breaking_report.FILES)
 
 
 @pytest.mark.parametrize(
