@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 
 import mujoco
@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from mjmerge.actuation import AIR_KG_PER_M3, CRAWL_MPS, ROLLS_MPS, bicycle_angle
 from mjmerge.mismatch import Mismatch, column
 from mjmerge.plant.base import Fault
+from mjmerge.plant.contacts import Contacts
 from mjmerge.plant.kinematic import start
+from mjmerge.plant.lag import Lag
+from mjmerge.plant.patch import Patch
 from mjmerge.plant.truth import Truth
 from mjmerge.scenario import Scenario
 from mjmerge.sensing import Past
@@ -131,8 +134,8 @@ class MuJoCo:
         yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
         self._turning = np.concatenate([yaw_at, spin_at.ravel()])
         self._wheels_m = world.wheels_m()
-        self._patch: _Patch | None = None
-        self._lag: _Lag | None = None
+        self._patch: Patch | None = None
+        self._lag: Lag | None = None
         self._late: Past | None = None
         if mismatch is not None:
             self._mismatched(mismatch)
@@ -141,7 +144,7 @@ class MuJoCo:
         self._damping = self.batch.expand("pair_solreffriction")
         self._pairs = slice(int(pairs[0, 0]), int(pairs[-1, -1]) + 1)
         assert np.array_equal(pairs.ravel(), np.arange(self._pairs.start, self._pairs.stop))
-        self._contacts = _Contacts(world, self.batch, substeps)
+        self._contacts = Contacts(world, self.batch, substeps)
         self.batch.forward()
         self._sense()
         self._grip()
@@ -153,11 +156,11 @@ class MuJoCo:
             chassis = self.batch.model.body(f"{self._cars[0]}/chassis").id
             self.batch.bind("xfrc_applied")[:, chassis, 1] = wind_n
         if any(m.patch_friction is not None for m in mismatch):
-            self._patch = _Patch.of(mismatch)
+            self._patch = Patch.of(mismatch)
             self._pair_friction = self.batch.expand("pair_friction")
         lag_s, delay_s = column(mismatch, "drive_lag_s"), column(mismatch, "command_delay_s")
         if lag_s.any():
-            self._lag = _Lag(lag_s, self._step_s, len(WHEELS))
+            self._lag = Lag(lag_s, self._step_s, len(WHEELS))
         if delay_s.any():
             first = np.zeros((len(mismatch), len(WHEELS) + 1))
             self._late, self._delay_s = Past(first, float(delay_s.max()), self._step_s), delay_s
@@ -288,103 +291,3 @@ def make(scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], 
     assert world is not None, "the mujoco plant stands in a world"
     front_m, speed_mps = start(scenario, len(mismatch))
     return MuJoCo(world, front_m, speed_mps, substeps=scenario.substeps, threads=threads, mismatch=mismatch)
-
-
-class _Patch:
-    """A stretch of the road with other friction, its own in each simulation."""
-
-    def __init__(self, start_m: Array, end_m: Array, friction: Array) -> None:
-        self._start_m, self._end_m, self._friction = start_m, end_m, friction
-
-    @classmethod
-    def of(cls, mismatch: Sequence[Mismatch]) -> _Patch:
-        """Where it is by one mismatch per simulation; nowhere where its friction is null."""
-        start, length, friction = (
-            column(mismatch, f"patch_{name}")[:, None, None] for name in ("start_m", "length_m", "friction")
-        )
-        return cls(np.where(np.isnan(friction), np.inf, start), start + length, friction)
-
-    def friction(self, along_m: Array, elsewhere: Array) -> Array:
-        """Under wheels that are so far along the road, (N, C, 4)."""
-        on = (along_m >= self._start_m) & (along_m <= self._end_m)
-        return np.where(on, self._friction, elsewhere)
-
-
-class _Lag:
-    """Torques that follow their commands with a time constant: T y' = u - y, exact for a held u.
-
-    What comes out is the mean of y over the control step, so that its impulse is exact too.
-    """
-
-    def __init__(self, time_constant_s: Array, step_s: float, wheels: int) -> None:
-        t = np.where(time_constant_s > 0, time_constant_s, 1.0)[:, None, None]
-        self._lags = time_constant_s[:, None, None] > 0
-        self._left = np.exp(-step_s / t)
-        self._mean = t / step_s * -np.expm1(-step_s / t)
-        self._y = np.zeros((len(time_constant_s), 2, wheels))
-
-    def __call__(self, drive: Array, brake: Array) -> tuple[Array, Array]:
-        """Torques of motors and brakes over the coming control step, (N, 4) each, from what was commanded."""
-        u = np.stack([drive, brake], axis=1)
-        behind = self._y - u
-        mean = np.where(self._lags, u + self._mean * behind, u)
-        self._y = u + self._left * behind
-        return mean[:, 0], mean[:, 1]
-
-
-class _Contacts:
-    """Forces between the bodies of the cars, of every time step of the last control step.
-
-    They come from MuJoCo's contact sensors, which keep a history as long as a control step.
-    """
-
-    def __init__(self, world: World, batch: Batch, substeps: int) -> None:
-        model, cars = world.model, world.cars
-        self._pairs = [*combinations(range(len(cars)), 2)]
-        self._step_s = model.opt.timestep
-        self._none = np.zeros((len(batch.state), len(self._pairs)))
-        self._impulse = self._speed = self._none
-        if not self._pairs:
-            return
-        sensors = [model.sensor(f"contact_{cars[a]}_{cars[b]}").id for a, b in self._pairs]
-        kept = model.sensor_history[sensors, 0]
-        if (kept != substeps).any():
-            raise ValueError(f"the world was built for control steps of {kept[0]} time steps, not {substeps}")
-        # a buffer is two numbers of MuJoCo's own, the times, then the samples: force and position, 6 each
-        self._history = batch.bind("history")
-        first = model.sensor_historyadr[sensors] + 2 + substeps
-        self._at = first[:, None, None] + np.arange(6 * substeps).reshape(substeps, 6)
-        self._force_at = np.ascontiguousarray(self._at[..., :3])
-
-    def before(self, now: Mapping[str, Array], yaw_rate_radps: Array) -> None:
-        """How the cars move at the beginning of a control step: sensors by name, and yaw rates, (N, C)."""
-        self._front_m, self._velocity_mps = now["front_position"], now["front_velocity"]
-        self._yaw_rate_radps = yaw_rate_radps
-
-    def after(self) -> None:
-        """Reads what happened in that step."""
-        if not self._pairs:
-            return
-        force_n = self._history.take(self._force_at, axis=1)
-        if not force_n.any():
-            self._impulse = self._speed = self._none
-            return
-        hit = force_n.any(axis=-1)
-        self._impulse, self._speed = np.zeros_like(self._none), np.zeros_like(self._none)
-        for run, pair in np.argwhere(hit.any(axis=-1)).tolist():
-            self._impulse[run, pair] = np.linalg.norm(force_n[run, pair].sum(axis=0)) * self._step_s
-            self._speed[run, pair] = self._closing(run, pair, int(np.argmax(hit[run, pair])))
-
-    def _closing(self, run: int, pair: int, sample: int) -> float:
-        """How fast the two bodies move against each other where they touch, m/s."""
-        at_m = self._history[run, self._at[pair, sample, 3:5]]
-        moving = []
-        for car in self._pairs[pair]:
-            arm = at_m - self._front_m[run, car, :2]
-            turning = self._yaw_rate_radps[run, car] * np.array([-arm[1], arm[0]])
-            moving.append(self._velocity_mps[run, car, :2] + turning)
-        return float(np.hypot(*(moving[0] - moving[1])))
-
-    def __call__(self) -> tuple[Array, Array]:
-        """Impulse, N s, and relative speed, m/s, pair by pair, (N, P) each."""
-        return self._impulse, self._speed
