@@ -20,7 +20,10 @@ from mjmerge.metrics import events
 from mjmerge.phases import phases
 from mjmerge.record.base import Header, Outcome, PosedBlock
 from mjmerge.record.digest import digests
-from mjmerge.record.read import Recorded, Ticks, mcap_messages, rrd_batches, time_ns_of
+from mjmerge.record.found import Ticks
+from mjmerge.record.from_mcap import mcap_messages
+from mjmerge.record.from_rrd import rrd_batches, time_ns_of
+from mjmerge.record.read import Recorded
 from mjmerge.record.scene import Frame, Scene
 from mjmerge.report import summary
 from mjmerge.scenario import CARS

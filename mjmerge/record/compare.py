@@ -20,15 +20,9 @@ from mjmerge.metrics import MERGED_M
 from mjmerge.record import layout, plots
 from mjmerge.record.base import Header, Outcome, PosedBlock
 from mjmerge.record.plots import Color, Line, Plot
-from mjmerge.record.rerun import (
-    CHUNK_TICKS,
-    send_frames,
-    send_levels,
-    send_numbers,
-    still_frames,
-    still_levels,
-)
+from mjmerge.record.rerun import CHUNK_TICKS
 from mjmerge.record.scene import TARGET, Scene
+from mjmerge.record.tell import send_frames, send_levels, send_numbers, still_frames, still_levels
 from mjmerge.trace import NEIGHBOURS
 
 APPLICATION = "mjmerge_compare"

@@ -123,7 +123,8 @@ def _show(source: IO[bytes], port: int) -> None:
     import rerun as rr
 
     from mjmerge.record import layout
-    from mjmerge.record.rerun import Teller, still_life
+    from mjmerge.record.rerun import Teller
+    from mjmerge.record.tell import still_life
 
     header: Header = pickle.load(source)
     scene = Scene(header.model, header.scenario.law.r_m)

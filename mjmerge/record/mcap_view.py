@@ -17,7 +17,8 @@ from mjmerge.errors import MjmergeError, OutputError
 from mjmerge.record import layout, plots, report
 from mjmerge.record.mcap import WORLD
 from mjmerge.record.read import read
-from mjmerge.record.rerun import (
+from mjmerge.record.scene import DRAWN_EVERY_S, Scene, closeness
+from mjmerge.record.tell import (
     send_arrows,
     send_discs,
     send_levels,
@@ -28,7 +29,6 @@ from mjmerge.record.rerun import (
     still_states,
     times_of,
 )
-from mjmerge.record.scene import DRAWN_EVERY_S, Scene, closeness
 
 APPLICATION = "mjmerge_mcap"
 _PATIENCE_S = 30.0

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import mjmerge.record.read
 from mjmerge import share
 from mjmerge.errors import UnreadableError
 from mjmerge.loader import load
@@ -235,7 +234,7 @@ def test_a_removed_tick_is_found(forger: Forger, tmp_path: Path, tick: int) -> N
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_of_another_schema_is_named(recorded, monkeypatch, kind: str) -> None:
-    monkeypatch.setattr(mjmerge.record.read, "SCHEMA_VERSION", 99)
+    monkeypatch.setattr(f"mjmerge.record.from_{kind}.SCHEMA_VERSION", 99)
     monkeypatch.setattr("mjmerge.record.verify.SCHEMA_VERSION", 99)
     found = verify(recorded("points") / f"run.{kind}")
     assert wrong(found) == {"schema"}
