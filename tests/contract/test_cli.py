@@ -28,6 +28,29 @@ def _elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run paper --runs 0",
+        "run paper --seed=-1",
+        "run paper --threads=-1",
+        "check --threads=-1",
+        "replay run.mcap --threads=-1",
+        "sweep mismatch_core --workers=-1",
+        "sweep paper --break mismatch.friction --seeds 0",
+        "theorem --runs 0",
+        "survey --runs 0",
+    ],
+)
+def test_a_number_below_its_bound_is_named_and_nothing_is_left(capsys, tmp_path, words):
+    code, _, err = run(capsys, *words.split())
+    assert code == 2
+    option = words.replace("=", " ").split()[-2]
+    assert f"{option} is " in err
+    assert "must be at least" in err
+    assert not any(tmp_path.iterdir())
+
+
 def test_a_run_that_holds_ends_with_0_and_a_table(capsys):
     code, out, _ = run(capsys, "run", "paper", "--plant", "double_integrator", "--no-record")
     assert code == 0

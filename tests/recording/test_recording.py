@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -19,8 +20,18 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import mjmerge.record.schema
-from mjmerge.record import FORMATS, Event, Header, Outcome, Recorder, Recording, git_revision, open_mcap
-from mjmerge.record.read import read_mcap, read_rrd
+from mjmerge.record import (
+    FORMATS,
+    Event,
+    Header,
+    Outcome,
+    Recorder,
+    Recording,
+    git_revision,
+    open_mcap,
+    plots,
+)
+from mjmerge.record.read import read, read_mcap, read_rrd
 from mjmerge.record.scene import Scene
 from mjmerge.record.schema import proto_text
 from mjmerge.scenario import CARS
@@ -171,6 +182,19 @@ def test_every_view_shows_something_that_exists(run: Path, header: Header) -> No
     assert check(blueprint(header.scenario, paint).root_container) > 8
 
 
+def test_what_plots_are_read_against_has_its_name_and_colour(run: Path, header: Header) -> None:
+    import rerun.chunk as rc
+
+    paint = Scene(header.model, 0.6).paint
+    told = {
+        chunk.entity_path: chunk.to_record_batch()["SeriesLines:names"][0].as_py()
+        for chunk in rc.RrdReader(run / "run.rrd").stream()
+        if "SeriesLines:names" in chunk.to_record_batch().schema.names
+    }
+    wanted = plots.levels(plots.everything(header.scenario, paint))
+    assert {entity: told.get(entity) for entity in wanted} == {e: [v.label] for e, v in wanted.items()}
+
+
 def test_published_schema_is_current() -> None:
     published = Path(mjmerge.record.schema.__file__).with_name("mjmerge_v1.proto")
     assert published.read_text() == proto_text(), "write proto_text() to it"
@@ -228,6 +252,13 @@ def test_a_full_disk_ends_recordings_readably(
     assert [f.split(":")[0] for f in recording.failures] == list(FORMATS)
     assert_same(read_mcap(tmp_path / "run.mcap.partial"), blocks[:1])
     assert_same(read_rrd(tmp_path / "run.rrd.partial"), blocks[:1])
+
+
+def test_a_recording_says_what_it_is_of_before_its_first_tick(tmp_path: Path, header: Header) -> None:
+    with Recording(tmp_path, header, FORMATS):
+        found = read(shutil.copy(tmp_path / "run.rrd.partial", tmp_path / "copy.rrd"))
+        assert found.scenario_yaml == header.scenario_yaml
+        assert len(found.ticks) == 0
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])

@@ -554,6 +554,13 @@ def test_a_mistake_in_a_data_sheet_is_reported_once_at_the_sheet(own_model, tmp_
         data_sheet(str(own_model))
 
 
+def test_a_data_sheet_that_has_changed_is_read_again(own_model):
+    sheet = own_model / "datasheet.yaml"
+    assert data_sheet(str(own_model)).mass_kg == 3.74
+    sheet.write_text(sheet.read_text().replace("mass_kg: 3.74", "mass_kg: 4.75"))
+    assert data_sheet(str(own_model)).mass_kg == 4.75
+
+
 def test_every_shipped_model_has_a_data_sheet():
     for name in share.models():
         assert data_sheet(name).wheelbase_m > 0
