@@ -18,6 +18,16 @@ settings.register_profile("mjmerge", deadline=None, derandomize=True, max_exampl
 settings.load_profile("mjmerge")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--long", action="store_true", help="the long versions of tests that have one")
+
+
+@pytest.fixture
+def long(request: pytest.FixtureRequest) -> bool:
+    """Whether the long version of a test is asked for, with ``pytest --long``."""
+    return bool(request.config.getoption("--long"))
+
+
 @pytest.fixture
 def make_trace() -> Callable:
     """Builds a trace from a few columns, (N, T, ...); the others are NaN."""
