@@ -31,12 +31,15 @@ Source = str | Path | Mapping[str, Any]
 _Model = TypeVar("_Model", bound=Frozen)
 
 
-def load(source: Source, overrides: Sequence[str] = ()) -> Scenario:
+def load(
+    source: Source, overrides: Sequence[str] = (), sheets: tuple[DataSheet, ...] | None = None
+) -> Scenario:
     """Read and check a scenario.
 
     Args:
         source: a shipped scenario's name, a path, or a mapping of plain values.
         overrides: ``"law.k_o=0"``, applied in order before anything is checked; values are YAML.
+        sheets: data sheet of each car at its size, where they are known already: no model is looked for.
 
     Raises:
         ScenarioError: with every problem found, each with its key and line.
@@ -53,15 +56,18 @@ def load(source: Source, overrides: Sequence[str] = ()) -> Scenario:
 
     sections: dict[str, Any] = {}
     scenario = validated(Scenario, document, sections)
-    if "models" in sections:
-        sections["models"], sheets = _models(sections["models"], near, document)
-        if len(sheets) == len(CARS):
-            sections["sheets"] = sheets
+    if sheets is not None:
+        sections["sheets"] = dict(zip(CARS, sheets, strict=True))
+    elif "models" in sections:
+        sections["models"], read_sheets = _models(sections["models"], near, document)
+        if len(read_sheets) == len(CARS):
+            sections["sheets"] = read_sheets
     for problem in check(sections):
         document.report(problem.message, problem.key)
     raise_problems(where, document)
     assert scenario is not None, "what is not valid has problems"
-    return scenario.model_copy(update={"models": sections["models"]}).named(name)
+    loaded = scenario.model_copy(update={"models": sections["models"]}).named(name)
+    return loaded if sheets is None else loaded.with_sheets(sheets)
 
 
 def data_sheet(model: str) -> DataSheet:
@@ -95,7 +101,9 @@ def _data_sheet(path: Path, content: bytes) -> DataSheet:
 
 
 def car_sheets(scenario: Scenario) -> list[DataSheet]:
-    """The data sheet of each of a scenario's cars, at its size."""
+    """The data sheet of each of a scenario's cars, at its size; as recorded, if it comes from a recording."""
+    if scenario.sheets is not None:
+        return list(scenario.sheets)
     return [data_sheet(getattr(scenario.models, car)).sized(scenario.models.size) for car in CARS]
 
 

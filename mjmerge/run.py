@@ -17,7 +17,7 @@ from mjmerge import share
 from mjmerge.acceptance import Acceptance, acceptance
 from mjmerge.contract import Verdict, judge
 from mjmerge.errors import MjmergeError, OutputError
-from mjmerge.loader import dump
+from mjmerge.loader import car_sheets, dump
 from mjmerge.metrics import events
 from mjmerge.phases import phases
 from mjmerge.plant import check
@@ -198,6 +198,7 @@ def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous:
         world_xml=world.xml,
         versions=versions(),
         control_step_s=scenario.control_step_s,
+        sheets=tuple(car_sheets(scenario)),
         continuous=continuous,
         acceptance=_provenance(_accepted(scenario, plant)),
     )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from mjmerge import drivers as _drivers
+from mjmerge.datasheet import DataSheet
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.frozen import Frozen
 from mjmerge.mismatch import Mismatch
@@ -182,6 +183,7 @@ class Scenario(Frozen):
     """Rows of the regression gate, see ``mjmerge check``."""
 
     _name: str = PrivateAttr(default="scenario")
+    _recorded: tuple[Models, tuple[DataSheet, ...]] | None = PrivateAttr(default=None)
 
     @property
     def name(self) -> str:
@@ -192,6 +194,19 @@ class Scenario(Frozen):
         """The same scenario under another name."""
         copy = self.model_copy()
         copy._name = name
+        return copy
+
+    @property
+    def sheets(self) -> tuple[DataSheet, ...] | None:
+        """Data sheet of each car where they are settled, (C,); ``None`` where the models are to be asked."""
+        if self._recorded is None or self._recorded[0] != self.models:
+            return None
+        return self._recorded[1]
+
+    def with_sheets(self, sheets: tuple[DataSheet, ...]) -> Scenario:
+        """The same scenario with data sheets of its own, (C,): whatever has become of the models' files."""
+        copy = self.model_copy()
+        copy._recorded = (self.models, sheets)
         return copy
 
     def scaled(self, length: float) -> Scenario:

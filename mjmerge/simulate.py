@@ -9,6 +9,7 @@ import numpy as np
 from mjmerge.actuation import BelievedCars, actuate, believed_sheets
 from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
+from mjmerge.loader import car_sheets
 from mjmerge.mismatch import Mismatch
 from mjmerge.plant import check, make
 from mjmerge.scenario import CARS, Scenario
@@ -64,6 +65,7 @@ def simulate(
         MjmergeError: the plant has no continuous time.
     """
     check(plant, scenario)
+    scenario = scenario.with_sheets(tuple(car_sheets(scenario)))  # as they are now, whatever they become
     if cases is None:
         cases = [(seed + i, scenario.mismatch) for i in range(runs)]
     mismatch = tuple(m for _, m in cases)
@@ -75,10 +77,11 @@ def simulate(
     moving = make(plant, scenario, world, mismatch, threads)
     sense = Sensing(() if continuous else mismatch, seeds.tolist(), h)
     traffic = Traffic.of(drivers, seeds.tolist(), scenario.duration_s, moving.observe().front_m[:, 1:, 1])
-    believed = BelievedCars.of(believed_sheets(scenario), limited=moving.limited)
+    sheets = tuple(believed_sheets(scenario))
+    believed = BelievedCars.of(sheets, limited=moving.limited)
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
-    log = Log(scenario, plant, seeds, mismatch, sink, live, continuous=continuous)
+    log = Log(scenario, plant, seeds, sheets, mismatch, sink, live, continuous=continuous)
     opinion = advance
     if continuous:
         from mjmerge.continuous import solve  # scipy takes its time to import

@@ -13,6 +13,7 @@ from typing import Annotated, Protocol, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmerge.datasheet import DataSheet
 from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Mask
@@ -88,6 +89,8 @@ class Trace:
     plant: str
     seeds: NDArray[np.int64]
     """Seed of each simulation, (N,): run i alone, with this seed, gives the same bits."""
+    sheets: tuple[DataSheet, ...]
+    """What is believed of each car, (C,): its data sheet at its size, with the scenario's ``belief``."""
     mismatch: tuple[Mismatch, ...]
     """How the truth of each simulation differs from what its law was told, N of them."""
     stops: tuple[Stop, ...]
@@ -227,6 +230,7 @@ class Log:
         scenario: Scenario,
         plant: str,
         seeds: NDArray[np.int64],
+        sheets: tuple[DataSheet, ...],
         mismatch: tuple[Mismatch, ...],
         sink: Sink | None = None,
         live: Sink | None = None,
@@ -234,7 +238,7 @@ class Log:
         continuous: bool = False,
     ) -> None:
         self._scenario, self._plant, self._seeds = scenario, plant, seeds
-        self._mismatch, self._continuous = mismatch, continuous
+        self._sheets, self._mismatch, self._continuous = sheets, mismatch, continuous
         self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
         self.columns = {c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan) for c in COLUMNS}
         self._stops: list[Stop] = []
@@ -283,6 +287,7 @@ class Log:
             scenario=self._scenario,
             plant=self._plant,
             seeds=self._seeds,
+            sheets=self._sheets,
             mismatch=self._mismatch,
             stops=tuple(self._stops),
             continuous=self._continuous,

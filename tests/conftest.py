@@ -31,6 +31,7 @@ def long(request: pytest.FixtureRequest) -> bool:
 @pytest.fixture
 def make_trace() -> Callable:
     """Builds a trace from a few columns, (N, T, ...); the others are NaN."""
+    from mjmerge.actuation import believed_sheets
     from mjmerge.loader import load
     from mjmerge.trace import COLUMNS, Trace
 
@@ -43,6 +44,7 @@ def make_trace() -> Callable:
             scenario=scenario,
             plant=plant,
             seeds=np.arange(runs),
+            sheets=tuple(believed_sheets(scenario)),
             mismatch=(scenario.mismatch,) * runs,
             stops=tuple(stops),
             continuous=continuous,

@@ -53,7 +53,9 @@ def header(found: Recorded) -> Header:
         world_xml=found.world_xml,
         versions=found.manifest["versions"],
         control_step_s=found.step_s,
+        sheets=found.sheets(),
         continuous=bool(found.manifest["continuous"]),
+        acceptance=found.manifest["acceptance"],
     )
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mjmerge.datasheet import DataSheet
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.metrics import Event
 from mjmerge.phases import Phase
@@ -43,6 +44,7 @@ class Header:
         world_xml: the MJCF it was compiled from.
         versions: package name to version.
         control_step_s: simulated time between ticks, s.
+        sheets: data sheet of each car at its size.
         continuous: whether law and plant were one differential equation.
         acceptance: what is known of each physical car model's acceptance tests, by its name.
     """
@@ -55,6 +57,7 @@ class Header:
     world_xml: str
     versions: Mapping[str, str]
     control_step_s: float
+    sheets: tuple[DataSheet, ...]
     continuous: bool = False
     acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 

@@ -9,6 +9,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mjmerge.scenario import CARS
 from mjmerge.trace import COLUMNS
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def manifest(header: Header) -> dict[str, Any]:
         "continuous": header.continuous,
         "versions": dict(header.versions),
         "acceptance": dict(header.acceptance),
+        "sheets": {car: sheet.model_dump() for car, sheet in zip(CARS, header.sheets, strict=True)},
         "conventions": CONVENTIONS,
         "columns": columns,
     }

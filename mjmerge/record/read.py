@@ -15,7 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from mjmerge.actuation import believed_sheets
+from mjmerge.datasheet import DataSheet
 from mjmerge.document import parse
 from mjmerge.errors import UnreadableError
 from mjmerge.loader import load
@@ -92,7 +95,19 @@ class Recorded:
         document = parse(self.scenario_yaml)
         if document.problems or not isinstance(document.value, dict):
             raise UnreadableError(self.path, "its scenario is damaged")
-        return load(document.value).named(str(self.manifest["scenario"]))
+        return load(document.value, sheets=self.sheets()).named(str(self.manifest["scenario"]))
+
+    def sheets(self) -> tuple[DataSheet, ...]:
+        """The data sheet of each car, at its size.
+
+        Raises:
+            UnreadableError: they are not in it, or damaged.
+        """
+        try:
+            given = self.manifest["sheets"]
+            return tuple(DataSheet.model_validate(given[car]) for car in CARS)
+        except (KeyError, TypeError, ValidationError) as error:
+            raise UnreadableError(self.path, "the data sheets of its cars are missing or damaged") from error
 
     @property
     def texts(self) -> dict[str, str]:
@@ -120,6 +135,7 @@ class Recorded:
             scenario=scenario,
             plant=str(self.manifest["plant"]),
             seeds=np.array([self.manifest["seed"]]),
+            sheets=tuple(believed_sheets(scenario)),
             mismatch=(scenario.mismatch,),
             stops=tuple(Stop(0, s["time_s"], s["car"], s["reason"], s.get("touched", False)) for s in stops),
             continuous=bool(self.manifest["continuous"]),

@@ -26,7 +26,7 @@ from rich.table import Table
 
 import mjmerge
 from mjmerge.contract import judge
-from mjmerge.loader import dump
+from mjmerge.loader import car_sheets, dump
 from mjmerge.record import FORMATS, Header, Outcome, Recording, versions
 from mjmerge.trace import Block
 from mjmerge.world import build
@@ -66,7 +66,17 @@ class Timed:
 
 def once(scenario, world) -> tuple[float, Clocks, Clocks, dict[str, int]]:
     """Time of a run but for its recordings, s; that of writing, of opening and closing; and the sizes."""
-    header = Header(scenario, dump(scenario), "mujoco", 0, world.model, world.xml, versions(), 0.01)
+    header = Header(
+        scenario,
+        dump(scenario),
+        "mujoco",
+        0,
+        world.model,
+        world.xml,
+        versions(),
+        0.01,
+        tuple(car_sheets(scenario)),
+    )
     writing, ends = Clocks(), Clocks()
     with tempfile.TemporaryDirectory() as name:
         recording = Recording(Path(name), header, FORMATS)

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from mjmerge.loader import car_sheets
 from mjmerge.record import Header, versions
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.trace import COLUMNS, Block
@@ -63,7 +64,15 @@ MakeBlocks = Callable[..., list[Block]]
 def header() -> Header:
     model = mujoco.MjModel.from_xml_string(WORLD_XML)
     return Header(
-        SCENARIO, "description: tiny\n", "mujoco", 7, model, WORLD_XML, versions(), SCENARIO.control_step_s
+        SCENARIO,
+        "description: tiny\n",
+        "mujoco",
+        7,
+        model,
+        WORLD_XML,
+        versions(),
+        SCENARIO.control_step_s,
+        tuple(car_sheets(SCENARIO)),
     )
 
 

@@ -298,9 +298,11 @@ def test_rerun_switched_off_is_a_failure(tmp_path: Path) -> None:
     code = """
 import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])
 import conftest, mujoco
+from mjmerge.loader import car_sheets
 from mjmerge.record import Header, Outcome, Recording, open_rrd
 model = mujoco.MjModel.from_xml_string(conftest.WORLD_XML)
-header = Header(conftest.SCENARIO, "", "mujoco", 0, model, "", {}, .01)
+header = Header(conftest.SCENARIO, "", "mujoco", 0, model, "", {}, .01,
+                tuple(car_sheets(conftest.SCENARIO)))
 with Recording(Path(sys.argv[1]), header, {"run.rrd": open_rrd}) as recording:
     recording.close(Outcome([], "held", {}))
 print(recording.failures, recording.files)

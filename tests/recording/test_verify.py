@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -56,9 +58,9 @@ RUNS: dict[str, dict[str, Any]] = {
 }
 
 
-def record(folder: Path, name: str, duration_s: float = 1.2) -> Path:
+def record(folder: Path, name: str, duration_s: float = 1.2, models: str = "models.size=1.0") -> Path:
     given = dict(RUNS[name])
-    overrides = [f"duration_s={duration_s}", *given.pop("set", ())]
+    overrides = [f"duration_s={duration_s}", models, *given.pop("set", ())]
     run(load(given.pop("scenario"), overrides), given.pop("plant"), folder=folder, **given)
     return folder
 
@@ -277,3 +279,25 @@ def test_what_is_no_recording_is_unreadable(tmp_path: Path, content: bytes) -> N
     path.write_bytes(content)
     with pytest.raises(UnreadableError, match=r"what\.mcap"):
         verify(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("change", ["renamed", "edited", "gone"])
+def test_a_truthful_recording_stays_right_whatever_becomes_of_its_models(
+    tmp_path: Path, kind: str, change: str
+) -> None:
+    models = tmp_path / "models"
+    shutil.copytree(share.folder("models"), models)
+    mine = (models / "rc").rename(models / "mine")
+    (mine / "rc.xml").rename(mine / "mine.xml")
+    folder = record(tmp_path / "run", "bicycle", models=f"models.ego={mine}")
+    if change == "renamed":
+        mine.rename(models / "yours")
+    elif change == "gone":
+        shutil.rmtree(models)
+    else:
+        sheet = (mine / "datasheet.yaml").read_text()
+        edited = re.sub(r"(?m)^(steer_limit_rad|wheelbase_m):.*", r"\1: 0.123", sheet)
+        assert edited != sheet
+        (mine / "datasheet.yaml").write_text(edited)
+    assert verify(folder / f"run.{kind}").right
