@@ -6,6 +6,7 @@
 ['held']
 """
 
+import mjmerge.interrupts  # noqa: F401  (first: the rest takes its time)
 from mjmerge.contract import Verdict, judge
 from mjmerge.errors import MjmergeError
 from mjmerge.loader import load

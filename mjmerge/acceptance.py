@@ -15,6 +15,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from mjmerge.outputs import put
+
 FILE = "acceptance.json"
 
 _REFERENCE = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']""")
@@ -100,7 +102,7 @@ def store(folder: Path, table: Sequence[Measured], versions: dict[str, str]) -> 
     """Writes what was measured beside the model.
 
     Raises:
-        OSError: the folder cannot be written.
+        OutputError: the folder cannot be written.
     """
     document: dict[str, Any] = {
         "model": folder.name,
@@ -108,7 +110,7 @@ def store(folder: Path, table: Sequence[Measured], versions: dict[str, str]) -> 
         "versions": versions,
         "table": [rounded(asdict(row)) | {"passed": row.passed} for row in table],
     }
-    (folder / FILE).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    put(folder / FILE, json.dumps(document, indent=2) + "\n")
 
 
 def rounded(row: dict[str, Any]) -> dict[str, Any]:

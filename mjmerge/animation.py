@@ -13,6 +13,7 @@ from mjmerge.datasheet import DataSheet
 from mjmerge.figures import COLOURS, LINE, OPINION
 from mjmerge.loader import car_sheets
 from mjmerge.metrics import INTENT, merged_at_s
+from mjmerge.outputs import written
 from mjmerge.scenario import CARS
 from mjmerge.state import Array
 from mjmerge.trace import NEIGHBOURS, Trace
@@ -83,9 +84,16 @@ def animate(trace: Trace, path: Path, progress: Callable[[float], None] | None =
         pictures.append(picture.quantize(palette=palette, dither=Image.Dither.NONE))
         if progress is not None:
             progress(len(pictures) / len(shown))
-    pictures[0].save(
-        path, save_all=True, append_images=pictures[1:], duration=round(1e3 * SHOWN_S), loop=0, optimize=False
-    )
+    with written(path) as partial:
+        pictures[0].save(
+            partial,
+            format="GIF",
+            save_all=True,
+            append_images=pictures[1:],
+            duration=round(1e3 * SHOWN_S),
+            loop=0,
+            optimize=False,
+        )
 
 
 Move = Callable[[int], None]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.breaking import Break, Range, Tried, Until, margin
-from mjmerge.figures import COLOURS, LINE, save
+from mjmerge.figures import COLOURS, LINE, save, save_rows
 from mjmerge.outcome import cause
+from mjmerge.outputs import put
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,14 +25,15 @@ def write(
     """Plot, every point that was run, and text."""
     figure = _frontier(found, title, across) if across is not None else _lines(found, title, until)
     save(figure, folder / "breaking.png")
-    with (folder / "breaking.csv").open("w", encoding="utf-8", newline="") as file:
-        out = csv.writer(file, lineterminator="\n")
-        head = ("min_distance_m", "min_clearance_m", "verdict", "first_broken", "broken_at_s")
-        out.writerow(("axis", "value", across.key if across else "other", "failed", *head))
-        for line in found:
-            for t in line.tried:
-                out.writerow((line.range.key, t.value, line.fixed, t.failed, *(t.row[name] for name in head)))
-    (folder / "breaking.md").write_text(markdown(found, title, until, across), encoding="utf-8")
+    head = ("min_distance_m", "min_clearance_m", "verdict", "first_broken", "broken_at_s")
+    rows = [
+        (line.range.key, t.value, line.fixed, t.failed, *(t.row[name] for name in head))
+        for line in found
+        for t in line.tried
+    ]
+    header = ("axis", "value", across.key if across else "other", "failed", *head)
+    save_rows([header, *rows], folder / "breaking.csv")
+    put(folder / "breaking.md", markdown(found, title, until, across))
 
 
 def markdown(found: Sequence[Break], title: str, until: Until, across: Range | None = None) -> str:

@@ -6,10 +6,28 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 class MjmergeError(Exception):
-    """Root of all errors that a user can cause or act on."""
+    """Root of all errors that a user can cause or act on.
+
+    Attributes:
+        failed: whether the input was right, and something else went wrong: exit code 3 in place of 2.
+    """
+
+    failed = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Errors cross from worker processes whatever their constructors take."""
+        return _rebuilt, (type(self), self.args, self.__dict__)
+
+
+def _rebuilt(kind: type[MjmergeError], arguments: tuple[Any, ...], state: dict[str, Any]) -> MjmergeError:
+    error = kind.__new__(kind)
+    error.args = arguments
+    error.__dict__.update(state)
+    return error
 
 
 _ALIKE = 0.6  # difflib's own threshold
@@ -80,6 +98,12 @@ class OutputError(MjmergeError):
 
 class RecordingError(MjmergeError):
     """A recorder that failed while the simulation went on."""
+
+
+class WorkerError(MjmergeError):
+    """A process that was to do a part of the work, and died."""
+
+    failed = True
 
 
 class UnreadableError(MjmergeError):

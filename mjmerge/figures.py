@@ -7,7 +7,8 @@ shows the difference. Lengths in m, time in s; nothing here opens a window.
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from mjmerge.bifurcation import Branches
 from mjmerge.metrics import INTENT, shared_ticks
+from mjmerge.outputs import written
 from mjmerge.scenario import CARS
 from mjmerge.state import Array
 from mjmerge.trace import NEIGHBOURS, Trace
@@ -55,7 +57,8 @@ def save(figure: Figure, path: Path, ending: str = "") -> None:
         ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     }
     ending = ending or path.suffix
-    figure.savefig(path, dpi=_DPI, metadata=nothing[ending], format=ending[1:])
+    with written(path) as partial:
+        figure.savefig(partial, dpi=_DPI, metadata=nothing[ending], format=ending[1:])
 
 
 def save_columns(columns: Mapping[str, Array], path: Path) -> None:
@@ -65,10 +68,19 @@ def save_columns(columns: Mapping[str, Array], path: Path) -> None:
         columns: one-dimensional, all of one length.
         path: file to write.
     """
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(columns)
-        rows.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    save_rows(chain([columns], rows), path)
+
+
+def save_rows(rows: Iterable[Iterable[object]], path: Path) -> None:
+    """As CSV, every row on a line.
+
+    Args:
+        rows: the header, and what stands below it.
+        path: file to write.
+    """
+    with written(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 def overview(trace: Trace, run: int = 0) -> Figure:

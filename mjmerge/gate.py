@@ -19,9 +19,10 @@ import numpy as np
 
 from mjmerge import share
 from mjmerge.contract import Verdict, challenged, judge
-from mjmerge.errors import MjmergeError, OutputError, UnknownNameError
+from mjmerge.errors import MjmergeError, UnknownNameError
 from mjmerge.loader import load
 from mjmerge.mismatch import column
+from mjmerge.outputs import cannot_write, put
 from mjmerge.plant import check as check_plant
 from mjmerge.record.manifest import versions
 from mjmerge.scenario import Check, Scenario
@@ -294,7 +295,7 @@ def update(results: Sequence[Result], baselines: Path | None = None) -> list[str
                 writer.writerow([name, *(f"{number:.6f}" for number in numbers), *made_with.values()])
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_text(text.getvalue(), encoding="utf-8")
         except OSError as error:
-            raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
+            raise cannot_write(target, error) from error
+        put(target, text.getvalue())
     return said

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +10,10 @@ import numpy as np
 
 from mjmerge.acceptance import Measured
 from mjmerge.actuation import AIR_KG_PER_M3
-from mjmerge.figures import LINE, save, save_columns, sheet
+from mjmerge.figures import LINE, save, save_columns, save_rows, sheet
 from mjmerge.identify import FRICTION, Identification, steering_beyond_rad
 from mjmerge.manoeuvres import compliance_rad
+from mjmerge.outputs import put
 from mjmerge.proving import G_MPS2
 
 if TYPE_CHECKING:
@@ -45,12 +45,10 @@ def write(folder: Path, found: Identification) -> None:
     turns = found.turns
     columns = {name: getattr(turns, name) for name in turns.__dataclass_fields__ if name != "unsteady"}
     save_columns(columns, folder / "turns.csv")
-    with (folder / "table.csv").open("w", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["name", "unit", "measured", "expected", "off", "tolerance", "passed", "how"])
-        for r in found.table:
-            rows.writerow([r.name, r.unit, r.measured, r.expected, r.off, r.tolerance, r.passed, r.how])
-    (folder / "table.md").write_text(markdown(found.table), encoding="utf-8")
+    header = ("name", "unit", "measured", "expected", "off", "tolerance", "passed", "how")
+    rows = [[getattr(row, name) for name in header] for row in found.table]
+    save_rows([header, *rows], folder / "table.csv")
+    put(folder / "table.md", markdown(found.table))
 
 
 def as_json(found: Identification) -> dict[str, Any]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.figures import COLOURS, LINE, save, sheet
+from mjmerge.figures import COLOURS, LINE, save, save_rows, sheet
 from mjmerge.mismatch import Mismatch
+from mjmerge.outputs import put
 from mjmerge.plan import MISMATCH, Batches, Case, planned, size_of
 from mjmerge.scenario import Scenario
 from mjmerge.sweep import measured
@@ -131,11 +131,9 @@ def write(ladder: Ladder, folder: Path) -> None:
     """Plot, numbers and text."""
     save(waterfall(ladder), folder / "ladder.png")
     columns = ("min_distance_m", "min_d_1_m", "min_d_2_m", "min_clearance_m", "verdict", "first_broken")
-    with (folder / "ladder.csv").open("w", encoding="utf-8", newline="") as file:
-        out = csv.writer(file, lineterminator="\n")
-        out.writerow(("rung", "adds", "cost_m", *columns))
-        out.writerows((r.name, r.adds, r.cost_m, *(r.row[c] for c in columns)) for r in ladder.rungs)
-    (folder / "ladder.md").write_text(markdown(ladder), encoding="utf-8")
+    rows = [(r.name, r.adds, r.cost_m, *(r.row[c] for c in columns)) for r in ladder.rungs]
+    save_rows([("rung", "adds", "cost_m", *columns), *rows], folder / "ladder.csv")
+    put(folder / "ladder.md", markdown(ladder))
 
 
 def as_json(ladder: Ladder) -> dict[str, Any]:

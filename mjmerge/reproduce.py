@@ -6,7 +6,6 @@ same law. Of each there is a second run with k_o = 0 and everything else the sam
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +16,9 @@ import numpy as np
 from mjmerge.animation import animate
 from mjmerge.bifurcation import Branches, branches, converging
 from mjmerge.facts import FACTS, Finding, Pair, read
-from mjmerge.figures import bifurcation, bifurcation_run, distances, opinion, save, save_columns
+from mjmerge.figures import bifurcation, bifurcation_run, distances, opinion, save, save_columns, save_rows
 from mjmerge.loader import load
+from mjmerge.outputs import put
 from mjmerge.report import facts_markdown
 from mjmerge.run import prepare
 from mjmerge.scenario import Scenario
@@ -190,9 +190,8 @@ def _save_facts(folder: Path, findings: Mapping[str, Sequence[Finding]]) -> None
         [fact.claim, fact.source, *(text for f in found for text in (f.word, f.number))]
         for fact, *found in zip(FACTS, *findings.values(), strict=True)
     ]
-    with (folder / "facts.csv").open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([header, *rows])
-    (folder / "facts.md").write_text(facts_markdown(findings), encoding="utf-8")
+    save_rows([header, *rows], folder / "facts.csv")
+    put(folder / "facts.md", facts_markdown(findings))
 
 
 def _part(progress: Progress, begin: float, end: float, total: float = 1.0) -> Progress:

@@ -19,6 +19,7 @@ from mjmerge.contract import Verdict, judge
 from mjmerge.errors import MjmergeError, OutputError
 from mjmerge.loader import car_sheets, dump
 from mjmerge.metrics import events
+from mjmerge.outputs import put
 from mjmerge.phases import phases
 from mjmerge.plant import check
 from mjmerge.record import ENDINGS, FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
@@ -57,7 +58,7 @@ class Run:
         trace: what happened.
         verdicts: one per simulation.
         summary: what ``--json`` prints.
-        failures: recorders that broke, a line each.
+        failures: recorders that broke and files that could not be written, a line each.
         replaced: whether an earlier run in the same folder made way.
         unseen_s: simulated time that the live view did not show, s.
     """
@@ -124,9 +125,9 @@ def run(
     replaced = prepare(folder, replace) if folder is not None else False
     recording = None
     if folder is not None:
-        (folder / "scenario.yaml").write_text(dump(scenario), encoding="utf-8")
+        put(folder / "scenario.yaml", dump(scenario))
         if plant == "mujoco" and world is not None:
-            (folder / "world.xml").write_text(world.xml, encoding="utf-8")
+            put(folder / "world.xml", world.xml)
         if record and runs == 1:
             assert world is not None, "a recording shows the world"
             recording = Recording(folder, _header(scenario, plant, seed, world, continuous), FORMATS)
@@ -158,15 +159,18 @@ def run(
         for receiver in (recording, viewer):
             if receiver is not None:
                 receiver.close(_outcome(trace, verdicts[0], found))
-    failures = recording.failures if recording is not None else []
+    failures = list(recording.failures) if recording is not None else []
 
     if folder is not None:
         worst = worst_run(trace)
         if record and runs > 1:
             assert world is not None, "a recording shows the world"
             failures = _record_selected(folder, trace, verdicts, world)
-        figure(trace, folder / "figure.png", worst)
-        (folder / "summary.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        try:  # the run is over, and its verdict is worth as much without them
+            figure(trace, folder / "figure.png", worst)
+            put(folder / "summary.json", json.dumps(found, indent=2) + "\n")
+        except OutputError as error:
+            failures.append(str(error))
     unseen_s = 0.0 if viewer is None else viewer.dropped_s
     return Run(trace, verdicts, found, failures, replaced, unseen_s)
 

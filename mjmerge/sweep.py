@@ -63,8 +63,9 @@ def sweep(
     todo = shards(plan, together)
     claim(folder, {**identity(plan), "shards": [len(shard.at) for shard in todo]})
     parts: dict[int, pa.Table] = {}
+    schema = table(plan, (), ()).schema
     for shard in todo:
-        there = read(folder, shard)
+        there = read(folder, shard, schema, pa.table(_described(plan, shard.at)))
         if there is not None:
             parts[shard.number] = there
     before = sum(part.num_rows for part in parts.values())
@@ -91,8 +92,19 @@ def table(plan: Plan, at: Sequence[int], measured_rows: Sequence[dict[str, Any]]
     """Rows of a plan's table: what each run was, and what came of it."""
     import pyarrow as pa
 
+    columns = _described(plan, at)
+    for names, kind in ((TEXTS, pa.string()), (NUMBERS, pa.float64()), (FLAGS, pa.bool_())):
+        columns |= {name: pa.array([row[name] for row in measured_rows], kind) for name in names}
+    told = {"mjmerge": json.dumps({"campaign": plan.name, "versions": versions()})}
+    return pa.table(columns, metadata=told)
+
+
+def _described(plan: Plan, at: Sequence[int]) -> dict[str, pa.Array]:
+    """The columns that say what each run was."""
+    import pyarrow as pa
+
     cases = [plan.cases[i] for i in at]
-    columns: dict[str, Any] = {
+    columns: dict[str, pa.Array] = {
         "run": pa.array(at, pa.int64()),
         "campaign": pa.array([plan.name] * len(cases), pa.string()),
         "scenario": pa.array([c.batch.scenario.name for c in cases], pa.string()),
@@ -113,10 +125,7 @@ def table(plan: Plan, at: Sequence[int], measured_rows: Sequence[dict[str, Any]]
     columns["floor_m"] = pa.array(
         [c.batch.scenario.expect.min_distance_m.at_least for c in cases], pa.float64()
     )
-    for names, kind in ((TEXTS, pa.string()), (NUMBERS, pa.float64()), (FLAGS, pa.bool_())):
-        columns |= {name: pa.array([row[name] for row in measured_rows], kind) for name in names}
-    told = {"mjmerge": json.dumps({"campaign": plan.name, "versions": versions()})}
-    return pa.table(columns, metadata=told)
+    return columns
 
 
 def _kinds(plan: Plan) -> dict[str, type]:

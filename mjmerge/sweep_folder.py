@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge import share
 from mjmerge.errors import OutputError
 from mjmerge.loader import dump
+from mjmerge.outputs import cannot_write
 from mjmerge.plan import Batch, Plan
 from mjmerge.record.manifest import versions
 from mjmerge.scenario import CARS
@@ -67,7 +69,7 @@ def claim(folder: Path, whose: dict[str, Any]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         plan = folder / PLAN
         if plan.exists():
-            changed = _changed(plan.read_text(encoding="utf-8"), whose)
+            changed = _changed(plan.read_bytes(), whose)
             if changed:
                 raise OutputError(
                     f"{folder} holds a sweep begun with another {', another '.join(changed)}; rows of both "
@@ -82,12 +84,12 @@ def claim(folder: Path, whose: dict[str, Any]) -> None:
         raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from error
 
 
-def _changed(text: str, now_is: dict[str, Any]) -> list[str]:
+def _changed(text: bytes, now_is: dict[str, Any]) -> list[str]:
     """What of a plan is not as it was, in words."""
     try:
         before = json.loads(text)
         told = {**before.pop("versions"), **before}
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return ["file format"]
     now = {**now_is["versions"], **{k: v for k, v in now_is.items() if k != "versions"}}
     return [
@@ -104,8 +106,15 @@ def place(folder: Path, shard: Shard) -> Path:
     return folder / SHARDS / f"{shard.number:06d}.parquet"
 
 
-def read(folder: Path, shard: Shard) -> pa.Table | None:
-    """A finished shard's rows; ``None`` where there are none, or they are damaged."""
+def read(folder: Path, shard: Shard, schema: pa.Schema, known: pa.Table) -> pa.Table | None:
+    """A finished shard's rows; ``None`` where there are none, or they are damaged or another plan's.
+
+    Args:
+        folder: of the sweep.
+        shard: which.
+        schema: what columns it must have.
+        known: what some of them must say.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -113,9 +122,12 @@ def read(folder: Path, shard: Shard) -> pa.Table | None:
     if not path.exists():
         return None
     try:
-        found: pa.Table = pq.read_table(path)
-        return found if found["run"].to_pylist() == list(shard.at) else None
-    except (pa.ArrowException, OSError, KeyError):
+        if pq.read_metadata(path).num_rows != len(shard.at):
+            return None  # before anything is unpacked
+        found: pa.Table = pq.read_table(path, page_checksum_verification=True)
+        right = found.schema.equals(schema) and found.select(known.column_names).equals(known)
+        return found if right else None
+    except (pa.ArrowException, OSError, KeyError, ValueError):
         return None
 
 
@@ -125,17 +137,22 @@ def write(found: pa.Table, path: Path) -> None:
     import pyarrow.parquet as pq
 
     buffer = pa.BufferOutputStream()
-    pq.write_table(found, buffer, compression="zstd")
+    pq.write_table(found, buffer, compression="zstd", write_page_checksum=True)
     try:
         _replace(path, buffer.getvalue().to_pybytes())
     except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+        raise cannot_write(path, error) from error
 
 
 def _replace(path: Path, content: bytes) -> None:
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    with partial.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    try:
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise

@@ -14,6 +14,7 @@ import numpy as np
 from mjmerge.campaign import GRID, RANDOM
 from mjmerge.figures import save
 from mjmerge.outcome import EMPTY, FAILED, PASSED, Rows, cause, groups
+from mjmerge.outputs import put
 from mjmerge.plan import Plan
 from mjmerge.record.manifest import versions
 from mjmerge.statistics import CONFIDENCE, Rate, clopper_pearson
@@ -77,7 +78,7 @@ def write(plan: Plan, table: pa.Table, folder: Path) -> None:
     for name, figure in figures(plan, rows):
         save(figure, folder / name)
         drawn.append(name)
-    (folder / REPORT).write_text("\n".join(_lines(plan, rows, drawn)) + "\n", encoding="utf-8")
+    put(folder / REPORT, "\n".join(_lines(plan, rows, drawn)) + "\n")
 
 
 def rich_table(table: pa.Table) -> Table:

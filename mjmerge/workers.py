@@ -18,7 +18,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from mjmerge.contract import judge
-from mjmerge.errors import MjmergeError
+from mjmerge.errors import WorkerError
 from mjmerge.outcome import rows
 from mjmerge.plan import Case, Plan
 from mjmerge.simulate import simulate
@@ -120,7 +120,7 @@ class Workers:
             progress: called now and then with the number of runs done, shards under way in parts.
 
         Raises:
-            MjmergeError: a process died.
+            WorkerError: a process died.
         """
         if self._count == 1 or len(todo) == 1:
             done = 0
@@ -141,7 +141,8 @@ class Workers:
                     shard, slot = left.pop(), slots.pop()
                     parts[slot] = 0.0
                     at[shard.number] = slot
-                    waiting[pool.submit(_measure, shard, slot)] = shard
+                    with _uninterrupted():
+                        waiting[pool.submit(_measure, shard, slot)] = shard
                 for future in wait(waiting, _LOOK_S, "FIRST_COMPLETED").done:
                     shard = waiting.pop(future)
                     keep(shard, future.result())
@@ -149,7 +150,7 @@ class Workers:
                     finished += len(shard.at)
                 progress(finished + sum(parts[at[s.number]] * len(s.at) for s in waiting.values()))
         except BrokenProcessPool as error:
-            raise MjmergeError(
+            raise WorkerError(
                 "a worker process died: was it killed, or out of memory? "
                 "What is finished is kept; run again, with fewer --workers"
             ) from error
@@ -175,14 +176,23 @@ class Workers:
             self._pool.shutdown(cancel_futures=True)  # waits for the pool's thread, or it races the exit
 
 
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Holds Ctrl-C back, for ever in the processes that start meanwhile: it is their parent's to handle."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 _parts: Any = None  # of a worker process: how far its shards are, shared with its parent
 
 
 def _begin(parts: Any) -> None:
-    """A worker process: interrupts are its parent's to handle, and it does not outlive its parent."""
+    """A worker process: it does not outlive its parent."""
     global _parts
     _parts = parts
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     parent = parent_process()
     assert parent is not None, "a worker has a parent"

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import signal
 import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from threading import Event, current_thread, main_thread
 from types import FrameType
 from typing import Annotated, Any, Union
 
@@ -12,6 +16,7 @@ import tyro
 from mjmerge.cli.check import Check
 from mjmerge.cli.compare import Compare
 from mjmerge.cli.convert import Convert
+from mjmerge.cli.crash import report
 from mjmerge.cli.export import Export
 from mjmerge.cli.identify import Identify
 from mjmerge.cli.list import List
@@ -20,6 +25,7 @@ from mjmerge.cli.replay import Replay
 from mjmerge.cli.reproduce import Reproduce
 from mjmerge.cli.run import Run
 from mjmerge.cli.schema import Schema
+from mjmerge.cli.streams import standard
 from mjmerge.cli.survey import Survey
 from mjmerge.cli.sweep import Sweep
 from mjmerge.cli.theorem import Theorem
@@ -27,6 +33,8 @@ from mjmerge.cli.verify import Verify
 from mjmerge.cli.video import Video
 from mjmerge.cli.view import View
 from mjmerge.errors import MjmergeError
+from mjmerge.interrupts import INTERRUPTED, is_command, leave, leave_quietly
+from mjmerge.outputs import no_room
 
 COMMANDS: tuple[Any, ...] = (
     Run,
@@ -48,32 +56,95 @@ COMMANDS: tuple[Any, ...] = (
     Schema,
 )
 """In the order of the help."""
-_BAD_INPUT, _INTERRUPTED = 2, 130
-_KEPT = "what was recorded is kept as *.partial"
-
-
-def _terminate(signum: int, frame: FrameType | None) -> None:
-    """SIGTERM as an exception, so that recordings are closed."""
-    del frame
-    raise SystemExit(128 + signum)
+_BAD_INPUT, _FAILED = 2, 3
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Entry point of the ``mjmerge`` command."""
-    signal.signal(signal.SIGTERM, _terminate)
+    """Entry point of the ``mjmerge`` command: every way to end is an exit code, none of them a traceback.
+
+    Exit code 1 is a verdict, and only ever comes from a command. What it raises is bad input (2) if it says
+    so itself, and else a failure (3): a disk or an output that is full, or a mistake of ours, which leaves a
+    file with the details.
+    """
+    arguments = sys.argv[1:] if argv is None else [*argv]
+    if is_command() and not sys.warnoptions:
+        warnings.simplefilter("ignore")  # a library's words to its programmers
+    with standard() as streams, _signals() as interrupted:
+        code = _answer(arguments, interrupted)
+        lost = streams.lost
+        if lost:
+            _say(f"standard output did not take everything: {lost}")
+            code = _FAILED
+    sys.exit(code)
+
+
+def _answer(arguments: Sequence[str], interrupted: Event) -> int:
+    """Runs the command that the arguments ask for; returns its exit code."""
+    command: Any = None
+    try:
+        command = _parsed(arguments)
+        return int(command())
+    except SystemExit as ended:  # help, a misspelt option, SIGTERM
+        return ended.code if isinstance(ended.code, int) else _BAD_INPUT if ended.code else 0
+    except BaseException as error:  # a panic in what is made of Rust is no Exception
+        leave_quietly()
+        if interrupted.is_set() or isinstance(error, KeyboardInterrupt):
+            kept = getattr(command, "kept", "")
+            _say(f"interrupted{'; ' if kept else ''}{kept}")
+            return INTERRUPTED
+        if isinstance(error, MjmergeError):
+            _say(str(error))
+            return _FAILED if error.failed or no_room(error) else _BAD_INPUT
+        if isinstance(error, MemoryError):
+            _say("there is not enough memory for this: ask for fewer runs at a time, or a shorter one")
+        elif no_room(error):
+            _say("the disk is full, or failing; what was written before is kept")
+        else:
+            _say(report(error, arguments))
+        return _FAILED
+
+
+def _parsed(arguments: Sequence[str]) -> Any:
+    """The command with its options."""
     named = (Annotated[c, tyro.conf.subcommand(c.__name__.lower())] for c in COMMANDS)
     one_of: Any = Union[tuple(named)]  # noqa: UP007
-    command = tyro.cli(
+    return tyro.cli(
         one_of,
         prog="mjmerge",
         description="Does the merge that a paper proves safe survive real cars?",
-        args=argv,
+        args=arguments,
     )
+
+
+@contextmanager
+def _signals() -> Iterator[Event]:
+    """SIGTERM and SIGINT as exceptions, so that recordings are closed; yields whether it was interrupted."""
+    interrupted = Event()
+
+    def terminate(signum: int, frame: FrameType | None) -> None:
+        del frame
+        raise SystemExit(128 + signum)
+
+    def interrupt(signum: int, frame: FrameType | None) -> None:
+        del signum, frame
+        interrupted.set()  # some libraries turn the exception into one of their own
+        raise KeyboardInterrupt
+
+    if current_thread() is not main_thread():
+        yield interrupted
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    signal.signal(signal.SIGTERM, terminate)
+    if before[signal.SIGINT] in (signal.default_int_handler, leave):
+        signal.signal(signal.SIGINT, interrupt)
     try:
-        sys.exit(command())
-    except MjmergeError as error:
-        print(f"mjmerge: {error}", file=sys.stderr)
-        sys.exit(_BAD_INPUT)
-    except KeyboardInterrupt:
-        print(f"mjmerge: interrupted; {getattr(command, 'kept', _KEPT)}", file=sys.stderr)
-        sys.exit(_INTERRUPTED)
+        yield interrupted
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _say(text: str) -> None:
+    """A line on standard error; what a file smuggled into it cannot move the cursor."""
+    plain = "".join(c if c.isprintable() or c == "\n" else f"\\x{ord(c):02x}" for c in text)
+    print(f"mjmerge: {plain}", file=sys.stderr)

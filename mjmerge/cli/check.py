@@ -12,7 +12,8 @@ import tyro
 from mjmerge import share
 from mjmerge.cli.options import Count, Flag, at_least
 from mjmerge.cli.progress import progress_bar
-from mjmerge.errors import MjmergeError, OutputError
+from mjmerge.errors import MjmergeError
+from mjmerge.outputs import put
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,7 @@ class Check:
             results = list(gate.run(rows, self.baselines, threads=self.threads, progress=progress))
         said = gate.update(results, self.baselines) if self.update else []
         if self.junit is not None:
-            try:
-                self.junit.write_bytes(gate_junit(results))
-            except OSError as error:
-                raise OutputError(f"cannot write {self.junit}: {error.strerror or error}") from error
+            put(self.junit, gate_junit(results))
         failed = [result for result in results if result.problems]
         if self.json:
             print(json.dumps(gate_json(results)))

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from mjmerge.cli.options import Overrides
-from mjmerge.errors import OutputError
+from mjmerge.outputs import put_new
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,5 @@ class Export:
         if self.out is None:
             print(xml)
             return 0
-        try:
-            with self.out.open("x", encoding="utf-8") as file:
-                file.write(xml)
-        except OSError as error:
-            raise OutputError(f"cannot write {self.out}: {error.strerror or error}") from error
+        put_new(self.out, xml)
         return 0

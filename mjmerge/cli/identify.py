@@ -12,7 +12,6 @@ import tyro
 from mjmerge import share
 from mjmerge.cli.options import Flag
 from mjmerge.cli.progress import progress_bar
-from mjmerge.errors import OutputError
 
 
 @dataclass(frozen=True)
@@ -47,10 +46,7 @@ class Identify:
             found = identify(self.model, progress)
         identified.write(folder, found)
         if self.accept:
-            try:
-                store(place, found.table, versions())
-            except OSError as error:
-                raise OutputError(f"cannot write to {place}: {error.strerror or error}") from error
+            store(place, found.table, versions())
         if self.json:
             print(json.dumps(identified.as_json(found) | {"out": str(folder), "versions": versions()}))
             return 0 if found.passed else 1

@@ -109,6 +109,11 @@ class Run:
                 console.print(f"look at it:  [bold]mjmerge view {folder}[/]", soft_wrap=True)
         return done.exit_code
 
+    @property
+    def kept(self) -> str:
+        """What an interrupted run leaves behind."""
+        return "what was recorded is kept as *.partial" if self.record else ""
+
     def _live(self) -> Callable[[Header], Live] | None:
         """What shows the run, if it is to be shown."""
         if not (self.live or self.live_fast or self.live_at is not None):

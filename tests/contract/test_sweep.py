@@ -164,8 +164,29 @@ def test_a_damaged_shard_is_run_again(file, tmp_path):
     plan = campaign.plan(file)
     whole = sweep(plan, tmp_path / "out")
     shard = tmp_path / "out" / SHARDS / "000003.parquet"
-    shard.write_bytes(shard.read_bytes()[:100])
-    assert sweep(plan, tmp_path / "out").equals(whole)
+    good = shard.read_bytes()
+    flipped = bytearray(good)
+    at = good.index(b"\x28\xb5\x2f\xfd", len(good) // 3) + 12  # within a page, which zstd would let pass
+    flipped[at] ^= 1
+    shards = tmp_path / "out" / SHARDS
+    other = (shards / "000001.parquet").read_bytes()
+    pq.write_table(pq.read_table(shard).drop_columns("verdict"), tmp_path / "lacking.parquet")
+    swapped = pq.read_table(shard)
+    seed = swapped.column_names.index("seed")
+    pq.write_table(swapped.set_column(seed, "seed", [swapped["seed"].to_pylist()[::-1]]), tmp_path / "swap")
+    damaged = (good[:100], b"", bytes(flipped), other, (tmp_path / "lacking.parquet").read_bytes())
+    for content in (*damaged, (tmp_path / "swap").read_bytes()):
+        shard.write_bytes(content)
+        assert sweep(plan, tmp_path / "out").equals(whole)
+        assert shard.read_bytes() == good
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"[" * 100_000, b"{}", b"3", b'{"versions": 3}', b""])
+def test_a_plan_file_that_is_none_is_no_sweep_of_ours(file, tmp_path, content):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "plan.json").write_bytes(content)
+    with pytest.raises(OutputError, match="choose another --out"):
+        sweep(campaign.plan(file), tmp_path / "out")
 
 
 @pytest.mark.parametrize("plant", ["double_integrator", "mujoco"])
@@ -244,5 +265,5 @@ def test_a_worker_that_dies_is_an_error_with_advice(file, tmp_path):
             os.kill(pid, signal.SIGKILL)
             break
     _, err = process.communicate(timeout=60)
-    assert process.returncode == 2
+    assert process.returncode == 3
     assert "fewer --workers" in err

@@ -1,0 +1,219 @@
+"""Every way to end is an exit code: 1 is a verdict and nothing else, and nobody ever sees a traceback."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pickle
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import mjmerge
+from mjmerge.cli import main
+from mjmerge.errors import OutputError, ScenarioError, UnknownNameError
+
+QUICK = ("run", "paper", "--plant", "double_integrator", "--duration", "0.2", "--no-record")
+BROKEN = (
+    "run",
+    "paper",
+    "--plant",
+    "double_integrator",
+    "--duration",
+    "7",
+    "--no-record",
+    "--set",
+    "law.k_o=0",
+)
+PACKAGE = str(Path(mjmerge.__file__).parents[1])
+ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([PACKAGE, *sys.path])}
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def here(capsys, *args: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main(list(args))
+    return int(stop.value.code or 0), *capsys.readouterr()
+
+
+def shell(line: str, *args: str, **more) -> subprocess.CompletedProcess[str]:
+    """A shell line in which $M is the command with these arguments."""
+    command = " ".join(f"'{word}'" for word in (sys.executable, "-m", "mjmerge", *args))
+    return subprocess.run(
+        ["bash", "-c", line.replace("$M", command)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=ENVIRONMENT,
+        check=False,
+        **more,
+    )
+
+
+def test_a_mistake_of_ours_is_one_line_a_file_and_exit_code_3(capsys, tmp_path, monkeypatch):
+    def breaks(*_, **__):
+        return {}["no such key"]
+
+    monkeypatch.setattr("mjmerge.run.run", breaks)
+    code, out, err = here(capsys, *QUICK)
+    assert (code, out, err.count("\n")) == (3, "", 1)
+    assert err.startswith("mjmerge: a mistake of mjmerge, not of yours: KeyError in mjmerge/cli/run.py:")
+    (file,) = tmp_path.iterdir()
+    assert file.name in err
+    details = file.read_text()
+    for part in ("mjmerge run paper --plant double_integrator", "mujoco 3.", "Traceback", "no such key"):
+        assert part in details
+
+
+def test_where_the_details_cannot_be_written_that_is_said(capsys, tmp_path, monkeypatch):
+    def breaks(*_, **__):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("mjmerge.run.run", breaks)
+    monkeypatch.setattr("tempfile.tempdir", "/proc")
+    monkeypatch.chdir("/proc")  # read-only for root, too
+    code, _, err = here(capsys, *QUICK)
+    assert (code, err.count("\n")) == (3, 1)
+    assert "could not be written" in err
+
+
+def test_running_out_of_memory_is_told_with_advice(capsys, tmp_path, monkeypatch):
+    def breaks(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("mjmerge.run.run", breaks)
+    code, _, err = here(capsys, *QUICK)
+    assert code == 3
+    assert "not enough memory" in err
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("args", "where"),
+    [(QUICK, "/dev/full"), ((*QUICK, "--json"), "&-"), (("schema",), "/dev/full"), (("-h",), "&-")],
+)
+def test_standard_output_that_is_full_or_closed_is_a_failure_and_no_verdict(args, where):
+    done = shell(f"$M >{where}", *args)
+    assert done.returncode == 3, (where, done.stderr)
+    assert done.stderr.startswith("mjmerge: standard output did not take everything")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("args", "code"), [((*QUICK, "--json"), 0), ((*BROKEN, "--json"), 1), (QUICK, 0), (("--help",), 0)]
+)
+def test_a_reader_that_goes_away_early_is_no_news_and_the_exit_code_stays_the_verdicts(args, code):
+    done = shell("$M | true; exit ${PIPESTATUS[0]}", *args)
+    assert (done.returncode, done.stderr) == (code, "")
+
+
+def test_standard_error_that_is_full_or_closed_changes_nothing(capsys):
+    done = shell("$M 2>&-", *QUICK, "--json")
+    assert (done.returncode, done.stdout.count("\n")) == (0, 1)
+    assert shell("$M 2> /dev/full", "run", "papre").returncode == 2
+    done = shell("$M <&- >&- 2>&-", "run", "paper", "--duration", "0.2", "--plant", "bicycle", "--out", "a")
+    assert done.returncode == 3
+    assert here(capsys, "verify", "a")[0] == 0  # whole, though descriptors 0 to 2 were free to take
+
+
+def test_what_a_terminal_cannot_spell_is_written_as_an_escape(tmp_path):
+    (tmp_path / "東京.yaml").write_text((mjmerge.share.scenarios()["paper"]).read_text())
+    done = shell("PYTHONIOENCODING=ascii $M", "run", "東京.yaml", *QUICK[2:])
+    assert done.returncode == 0, done.stderr
+    assert "\\u6771\\u4eac" in done.stdout
+
+
+def test_ctrl_c_ends_with_130_and_without_a_traceback_while_it_is_still_importing():
+    def listens() -> None:  # what starts in the background ignores it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    for wait_s in (0.1, 0.25, 0.4):
+        command = [sys.executable, "-m", "mjmerge", "run", "paper", "--no-record"]
+        with subprocess.Popen(
+            command, stdout=-1, stderr=-1, text=True, env=ENVIRONMENT, preexec_fn=listens
+        ) as process:
+            time.sleep(wait_s)
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=60)
+        assert process.returncode == 130, err
+        assert out == ""
+        assert err.replace("mjmerge: interrupted", "").strip() == ""
+
+
+def test_an_interrupt_that_a_library_turns_into_its_own_error_is_still_an_interrupt(capsys, monkeypatch):
+    def breaks(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise RuntimeError("a library's own") from error
+
+    monkeypatch.setattr("mjmerge.run.run", breaks)
+    code, _, err = here(capsys, *QUICK)
+    assert (code, err) == (130, "mjmerge: interrupted\n")
+
+
+@pytest.mark.parametrize("limit", [60, 30_000])
+def test_a_disk_that_fills_up_ends_with_3_and_a_line_for_each_file_and_leaves_none_in_part(limit):
+    def full() -> None:  # a file may grow to this and no further, as on a full disk
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    args = ("run", "paper", "--plant", "double_integrator", "--duration", "1", "--out", "a")
+    done = shell("$M", *args, preexec_fn=full)
+    assert done.returncode == 3
+    assert "Traceback" not in done.stderr
+    assert "cannot write a/" in done.stderr
+    assert "File too large" in done.stderr
+    assert not (Path("a") / "figure.png").exists()
+    assert not list(Path("a").glob("*.png*"))
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ("check", "mine.yaml", "--junit", "out.xml"),
+        ("check", "mine.yaml", "--update"),
+        ("sweep", "tiny.yaml", "--workers", "1"),
+        ("export", "paper", "--out", "out.xml"),
+        ("run", "paper", "--plant", "bicycle", "--duration", "0.2"),
+    ],
+)
+def test_whatever_file_the_disk_has_no_room_for_the_exit_code_is_3(args, capsys, monkeypatch):
+    paper = mjmerge.share.scenarios()["paper"].read_text().partition("\ngate:")[0]
+    row = "{name: ideal, plant: double_integrator, at_least_m: 0}"
+    Path("mine.yaml").write_text(paper.replace("duration_s: 35", "duration_s: 0.2") + f"\ngate: [{row}]\n")
+    block = "{scenarios: [paper], plants: [double_integrator], set: {duration_s: 0.2}}"
+    Path("tiny.yaml").write_text(f"blocks: [{block}]")
+
+    def no_room(self, *_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", no_room)
+    code, _, err = here(capsys, *args)
+    assert code == 3, err
+    assert "No space left on device" in err
+    assert "mistake" not in err
+    assert not list(Path().rglob("*.xml*")) or args[0] == "run"
+
+
+@pytest.mark.parametrize(
+    "error", [UnknownNameError("plant", "x", ["y"]), ScenarioError("file", []), OutputError("no")]
+)
+def test_errors_cross_from_worker_processes(error):
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
+
+
+def test_what_a_file_says_cannot_move_the_cursor(capsys):
+    code, _, err = here(capsys, "run", "\x1b[2Jgone.yaml", *QUICK[2:])
+    assert code == 2
+    assert "\x1b" not in err
+    assert "\\x1b[2Jgone.yaml" in err
