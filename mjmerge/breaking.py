@@ -133,7 +133,7 @@ def ranged(text: str, source: str, settings: Mapping[str, Any]) -> Range:
             start, end = (float(number) for number in numbers.split(":"))
         except ValueError:
             start = end = 0.0
-        if start == end or not np.isfinite([start, end]).all():
+        if start == end or not np.isfinite([start, end, end - start]).all():
             raise MjmergeError(f"--break {text}: a range is START:END, such as {key}=0:0.5")
         return Range(key, start, end)
     if isinstance(here, bool) or not isinstance(here, int | float):

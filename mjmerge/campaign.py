@@ -17,8 +17,10 @@ import numpy as np
 from pydantic import Field
 
 from mjmerge import share
+from mjmerge.bounds import MOST_RUNS
 from mjmerge.document import Document, copied
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError, nearest
+from mjmerge.extent import no_range, too_much
 from mjmerge.frozen import Frozen
 from mjmerge.levels import LEVELS
 from mjmerge.levels import NAMES as LEVEL_NAMES
@@ -40,8 +42,6 @@ from mjmerge.plant import PLANTS
 
 GRID, RANDOM = "grid", "random"
 """Names of points that nobody named: one of a grid, one drawn at random."""
-MOST_RUNS = 1_000_000
-
 Values = Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 
@@ -137,6 +137,9 @@ def plan(source: Source) -> Plan:
     campaign = validated(Campaign, document)
     raise_problems(where, document)
     assert campaign is not None, "what is not valid has problems"
+    for message, key in too_much(campaign):
+        document.report(message, key)
+    raise_problems(where, document)
     cases: list[Case] = []
     batches = Batches()
     for i, block in enumerate(campaign.blocks):
@@ -269,12 +272,10 @@ class _Block:
         at = {key: self._below(f"random.axes.{key}") for key in random.axes}
         draws = {}
         for key, axis in random.axes.items():
-            ways = axis.model_dump(exclude_none=True)
-            if len(ways) != 1:
-                self._document.report("must be one of uniform, log_uniform and choice", at[key])
-            elif axis.log_uniform is not None and min(axis.log_uniform) <= 0:
-                self._document.report("both must be positive", f"{at[key]}.log_uniform")
-            else:
+            wrong = list(no_range(axis, at[key]))
+            for message, where in wrong:
+                self._document.report(message, where)
+            if not wrong:
                 draws[key] = axis
         for i in range(random.draws):
             rng = np.random.default_rng([random.seed, i])  # a draw does not depend on how many there are

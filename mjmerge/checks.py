@@ -12,6 +12,7 @@ from itertools import combinations
 from math import dist
 from typing import Any
 
+from mjmerge.bounds import MOST_TICKS
 from mjmerge.datasheet import DataSheet
 from mjmerge.errors import Problem
 from mjmerge.scenario import CARS, Drivers, Initial, Law
@@ -38,6 +39,12 @@ def _steps(duration_s: float, control_step_s: float, physics_step_s: float) -> I
         yield Problem(
             f"duration ({duration_s} s) must be at least one control step ({control_step_s} s)",
             "duration_s",
+        )
+    elif duration_s / control_step_s > MOST_TICKS:
+        yield Problem(
+            f"{duration_s} s are {duration_s / control_step_s:.3g} control steps of {control_step_s} s; "
+            f"a run has at most {MOST_TICKS}",
+            "control_step_s",
         )
 
 

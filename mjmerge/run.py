@@ -15,6 +15,7 @@ import numpy as np
 
 from mjmerge import share
 from mjmerge.acceptance import Acceptance, acceptance
+from mjmerge.bounds import check_runs
 from mjmerge.contract import Verdict, judge
 from mjmerge.errors import MjmergeError, OutputError
 from mjmerge.loader import car_sheets, dump
@@ -116,6 +117,7 @@ def run(
         MjmergeError: the plant has no continuous time.
     """
     check(plant, scenario)
+    check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
     if continuous:
         from mjmerge.continuous import check as check_continuous  # scipy takes its time to import
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from mjmerge import drivers as _drivers
+from mjmerge.bounds import LONGEST_S, MOST_ROWS
 from mjmerge.datasheet import DataSheet
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.frozen import Frozen
@@ -30,7 +31,8 @@ else:
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Need = Literal["barrier", "grip"]
-Point = Annotated[tuple[float, float], Field(strict=False)]
+Place = Annotated[float, Field(ge=-1e6, le=1e6)]
+Point = Annotated[tuple[Place, Place], Field(strict=False)]
 
 
 class Law(Frozen):
@@ -78,7 +80,7 @@ class CarStart(Frozen):
 
     front_m: Point
     """Front-axle centre [x, y] in the road frame, m."""
-    speed_mps: float
+    speed_mps: Annotated[float, Field(ge=-1000, le=1000)]
     """Speed along the road, m/s."""
 
 
@@ -115,7 +117,7 @@ class Models(Frozen):
 class Road(Frozen):
     """The road as it is drawn; it is flat and straight, and its grip is a mismatch, not a design value."""
 
-    lane_width_m: Positive = 1.2
+    lane_width_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.2
     """Width of a lane as drawn, m; the paper gives none."""
 
 
@@ -165,7 +167,7 @@ class Scenario(Frozen):
 
     description: str = ""
     """One line for ``mjmerge list``."""
-    duration_s: Annotated[float, Field(gt=0, le=3600)] = 35.0
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] = 35.0
     """Simulated time, s."""
     control_step_s: Annotated[float, Field(gt=0, le=1)] = 0.01
     """Time the law's command is held, s; the paper has none (continuous time)."""
@@ -179,7 +181,7 @@ class Scenario(Frozen):
     belief: Belief = Belief()
     mismatch: Mismatch = Mismatch()
     expect: Expect = Expect()
-    gate: Annotated[tuple[Check, ...], Field(strict=False)] = ()
+    gate: Annotated[tuple[Check, ...], Field(strict=False, max_length=MOST_ROWS)] = ()
     """Rows of the regression gate, see ``mjmerge check``."""
 
     _name: str = PrivateAttr(default="scenario")

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mjmerge.actuation import BelievedCars, actuate, believed_sheets
+from mjmerge.bounds import check_runs
 from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
 from mjmerge.loader import car_sheets
@@ -67,9 +68,12 @@ def simulate(
     check(plant, scenario)
     scenario = scenario.with_sheets(tuple(car_sheets(scenario)))  # as they are now, whatever they become
     if cases is None:
+        check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
         cases = [(seed + i, scenario.mismatch) for i in range(runs)]
-    mismatch = tuple(m for _, m in cases)
-    seeds, runs = np.array([s for s, _ in cases], dtype=np.int64), len(cases)
+    given, mismatch = zip(*cases, strict=True)
+    runs = len(cases)
+    check_runs(scenario, runs, (min(given), max(given)), mismatch)
+    seeds = np.array(given, dtype=np.int64)
     if world is None and (plant == "mujoco" or sink is not None or live is not None):
         world = build(scenario, mismatch)
     law, h = scenario.law, scenario.control_step_s

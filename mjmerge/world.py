@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge import share
+from mjmerge.bounds import MOST_DASHES
 from mjmerge.datasheet import DataSheet
 from mjmerge.errors import ModelError, nearest
 from mjmerge.loader import data_sheet
@@ -320,8 +321,9 @@ def _mark_lanes(root: mjcf.RootElement, scenario: Scenario) -> None:
     for name, y in (("edge_right", low), ("edge_left", high)):
         line(name, (begin + end) / 2, y, end - begin)
     if high - low > 1.5 * width:  # two lanes: dashes between them
-        for i in range(ceil((end - begin) / width)):
-            line(f"dash_{i}", begin + (i + 0.5) * width, (low + high) / 2, width / 3)
+        apart = max(width, (end - begin) / MOST_DASHES)
+        for i in range(min(ceil((end - begin) / apart), MOST_DASHES)):
+            line(f"dash_{i}", begin + (i + 0.5) * apart, (low + high) / 2, width / 3)
 
 
 def _add_car(

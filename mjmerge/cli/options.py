@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import tyro
 
+from mjmerge.bounds import MOST_RUNS, MOST_SEED, most_threads, most_workers
 from mjmerge.errors import MjmergeError
 
 Overrides = Annotated[
@@ -18,16 +20,30 @@ Count = Annotated[int, tyro.conf.arg(metavar="N")]
 """A whole number."""
 
 
+_MOST: dict[str, Callable[[], int]] = {
+    "runs": lambda: MOST_RUNS,
+    "seeds": lambda: MOST_SEEDS,
+    "seed": lambda: MOST_SEED,
+    "threads": most_threads,
+    "workers": most_workers,
+}
+MOST_SEEDS = 1000
+"""Seeds of each point, with --break."""
+
+
 def at_least(least: int, **given: int) -> None:
-    """Refuses options below a bound.
+    """Refuses options below a bound, or above the most that there is of it.
 
     Args:
-        least: the bound.
+        least: the lower bound.
         given: options by name.
 
     Raises:
-        MjmergeError: with the first that is below it.
+        MjmergeError: with the first that is out of bounds.
     """
     for name, value in given.items():
+        most = _MOST[name]()
         if value < least:
             raise MjmergeError(f"--{name} is {value}; it must be at least {least}")
+        if value > most:
+            raise MjmergeError(f"--{name} is {value}; it must be at most {most}")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.bounds import LONGEST_S
 from mjmerge.cli.options import Count, at_least
 from mjmerge.cli.progress import progress_bar
 from mjmerge.errors import MjmergeError
@@ -32,8 +33,10 @@ class Theorem:
 
         at_least(1, runs=self.runs)
         at_least(0, seed=self.seed)
-        if not 0 < self.duration < float("inf"):
-            raise MjmergeError("--duration must be positive and finite")
+        if not 0 < self.duration <= LONGEST_S:
+            raise MjmergeError(
+                f"--duration is {self.duration}; it must be above 0 and at most {LONGEST_S:g} s"
+            )
         with progress_bar(self.runs, "looking for a counterexample") as progress:
             done = tally(self.runs, self.seed, self.duration, progress)
         Console(highlight=False).print(theorem_table(done))

@@ -33,8 +33,8 @@ class Video:
         from mjmerge.record.read import recording
         from mjmerge.video import Options, video
 
-        if not 0 < self.speed < float("inf") or not 1 <= self.fps <= 240:
-            raise MjmergeError("--speed must be positive and finite, --fps from 1 to 240")
+        if not 0.01 <= self.speed <= 100 or not 1 <= self.fps <= 240:
+            raise MjmergeError("--speed must be from 0.01 to 100, --fps from 1 to 240")
         path = recording(self.file)
         out = self.out or (path.with_suffix("") if path.suffix == ".partial" else path).with_suffix(".mp4")
         with progress_bar(1.0, "drawing") as progress:

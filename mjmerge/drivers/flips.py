@@ -20,7 +20,7 @@ class Flips(Driver):
     """Gap it keeps while it does not yield, front axle to front axle, m; it starts with this."""
     open_gap_m: float = Field(gt=0)
     """Gap it opens to while it yields, m."""
-    hold_min_s: float = Field(default=1.0, gt=0)
+    hold_min_s: float = Field(default=1.0, ge=0.01)
     """Shortest time it keeps an intention, s."""
     hold_max_s: float = Field(default=4.0, gt=0)
     """Longest time it keeps an intention, s; drawn uniformly between the two."""
