@@ -19,13 +19,13 @@ from mjmerge.errors import UnreadableError
 from mjmerge.metrics import events
 from mjmerge.phases import phases
 from mjmerge.record.base import Header, Outcome, PosedBlock
+from mjmerge.record.claims import what_follows
 from mjmerge.record.digest import digests
 from mjmerge.record.found import Ticks
 from mjmerge.record.from_mcap import mcap_messages
 from mjmerge.record.from_rrd import rrd_batches, time_ns_of
 from mjmerge.record.read import Recorded
 from mjmerge.record.scene import Frame, Scene
-from mjmerge.report import summary
 from mjmerge.scenario import CARS
 from mjmerge.trace import COLUMNS, Array, Block, Trace
 
@@ -87,7 +87,7 @@ def outcome(found: Recorded, trace: Trace) -> Outcome:
     """What a recording ends with, from its trace."""
     (verdict,) = judge(trace)
     happened = sorted([*events(trace), *verdict.events()], key=lambda e: e.time_s)
-    claims = {k: v for k, v in summary(trace, [verdict], 1.0).items() if k != "real_time_factor"}
+    claims = what_follows(found, trace, verdict)
     return Outcome(happened, verdict.verdict, claims, phases(trace), digests(found.columns, found.texts))
 
 

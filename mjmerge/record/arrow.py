@@ -73,13 +73,17 @@ def structs(message: str, rows: Array) -> list[Ready]:
     return [Ready(descriptor, batch.column(0))]
 
 
-def numbers(values: pa.Array) -> Array:
+def numbers(values: pa.Array, message: str) -> Array:
     """The way back: all doubles of the messages, (B, doubles), in the order of ``schema.layout``.
 
     Raises:
-        ValueError: the array is damaged.
+        ValueError: the array is damaged, or does not hold one such message per row.
     """
     values.validate(full=True)  # of a damaged file it may point anywhere
+    if not pa.types.is_list(values.type) or values.type.value_type != _type(message):
+        raise ValueError(f"no column of {message}")
+    if values.null_count or len(values.flatten()) != len(values) or (np.diff(values.offsets) != 1).any():
+        raise ValueError(f"not one {message} per row")
     leaves: list[Array] = []
 
     def gather(array: pa.Array) -> None:

@@ -17,6 +17,7 @@ from mjmerge.errors import OutputError, RecordingError
 from mjmerge.metrics import Event
 from mjmerge.phases import Phase
 from mjmerge.record.digest import Digest
+from mjmerge.record.manifest import canonical, manifest
 from mjmerge.record.scene import Scene
 from mjmerge.scenario import Scenario
 from mjmerge.trace import Array, Block
@@ -63,8 +64,12 @@ class Header:
 
     @property
     def texts(self) -> dict[str, str]:
-        """What goes into a recording as text, by name."""
-        return {"scenario.yaml": self.scenario_yaml, "world.xml": self.world_xml}
+        """What goes into a recording as text, by name, and its manifest as its fingerprint wants it."""
+        return {
+            "scenario.yaml": self.scenario_yaml,
+            "world.xml": self.world_xml,
+            "manifest.json": canonical(manifest(self)),
+        }
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,17 @@ Said = tuple[int, str, str]
 
 @dataclass
 class Found:
-    """What a reader gathers, series by series: ticks, times and values."""
+    """What a reader gathers, series by series: ticks, times and values.
+
+    ``fault`` is why reading ended before the end of the file; ``flaws`` are what is there and cannot be.
+    """
 
     schema_version: int | None = None
     finished: bool = False
     fault: str = ""
+    flaws: list[str] = field(default_factory=list)
     manifest: dict[str, Any] = field(default_factory=dict)
+    properties: dict[str, dict[str, Any]] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
     verdict: str | None = None
     sha256: dict[str, str] = field(default_factory=dict)

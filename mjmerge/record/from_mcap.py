@@ -5,7 +5,6 @@ A file that was cut off or damaged is read up to the first record that cannot be
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from operator import attrgetter
@@ -13,109 +12,216 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from google.protobuf.message import DecodeError
+from mcap.records import Attachment, Channel, Metadata, Schema
 
+from mjmerge.record import content
+from mjmerge.record.content import ContentError
 from mjmerge.record.found import NS_PER_S, Found
 from mjmerge.record.manifest import SCHEMA_VERSION
+from mjmerge.record.mcap_file import McapFile, Message
 from mjmerge.scenario import CARS
 
 if TYPE_CHECKING:
     from mjmerge.record.schema import Field
 
-
-def _records(path: Path, found: Found) -> Iterator[Any]:
-    """Records up to the end, or to the first that cannot be read."""
-    from mcap.exceptions import EndOfFile
-    from mcap.records import Footer
-    from mcap.stream_reader import StreamReader
-
-    with path.open("rb") as file:
-        size = path.stat().st_size  # no record is larger: a length that was overwritten asks for no memory
-        try:
-            for record in StreamReader(file, validate_crcs=True, record_size_limit=size).records:
-                found.finished |= isinstance(record, Footer)
-                yield record
-        except EndOfFile:
-            found.finished, found.fault = False, "it ends within a record"
-        except Exception as error:  # whatever the bytes of a damaged file lead to
-            found.finished = False
-            found.fault = str(error) or type(error).__name__
+_LATEST_NS = 2**62
+"""No time in a file that can be read is later."""
+_MOST_FOREIGN = 20_000
+"""Messages of another layout than ours that are decoded one by one; other writers keep the layout."""
+TEXTS = ("scenario.yaml", "world.xml", "manifest.json", "summary.json", "foxglove.json")
+"""The attachments of a recording."""
+_DRAWN = {
+    "/tf": "foxglove.FrameTransforms",
+    "/scene": "foxglove.SceneUpdate",
+    "/log": "foxglove.Log",
+    "/phases": "foxglove.Log",
+}
+Decode = Callable[[bytes], Any]
 
 
 def mcap_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
     """Time, ns, and content of every message of a topic, as far as the file can be read."""
-    from mcap.records import Channel, Message, Schema
-    from mcap_protobuf.decoder import DecoderFactory
-
-    decoders, schemas, decode = DecoderFactory(), {}, {}
-    for record in _records(path, Found()):
+    channels = _Channels(Found())
+    for record in McapFile(path).read():
         match record:
-            case Schema():
-                schemas[record.id] = record
-            case Channel() if record.topic == topic:
-                decode[record.id] = decoders.decoder_for(
-                    record.message_encoding, schemas.get(record.schema_id)
-                )
-            case Message() if decode.get(record.channel_id):
-                yield record.log_time, decode[record.channel_id](record.data)
+            case Schema() | Channel():
+                channels.add(record)
+            case Message() if channels.topic(record) == topic:
+                try:
+                    yield record.time_ns, channels.decoded(record)
+                except DecodeError:
+                    return
+
+
+class _Channels:
+    """Which channel carries what."""
+
+    def __init__(self, found: Found) -> None:
+        from mcap_protobuf.decoder import DecoderFactory
+
+        from mjmerge.record import schema
+
+        self._found, self._factory = found, DecoderFactory()
+        self._schemas: dict[int, Schema] = {}
+        self._topics: dict[int, str] = {}
+        self._decoders: dict[int, Decode] = {}
+        self._kinds = _DRAWN | {schema.LAW_TOPIC: f"{schema.PACKAGE}.{schema.LAW_MESSAGE}"}
+        self._kinds |= {schema.car_topic(car): f"{schema.PACKAGE}.{schema.CAR_MESSAGE}" for car in CARS}
+
+    def add(self, record: Schema | Channel) -> None:
+        """Takes note of a schema or a channel; what it cannot be is a flaw, and its messages are left."""
+        if isinstance(record, Schema):
+            self._schemas.setdefault(record.id, record)
+            return
+        described = self._schemas.get(record.schema_id)
+        if record.id in self._topics or described is None:
+            if described is None:
+                self._found.flaws.append(f"{record.topic[:80]} has no schema")
+            return
+        wanted = self._kinds.get(record.topic)
+        if wanted is None:
+            self._found.flaws.append(f"{record.topic[:80]!r} is no topic of a recording")
+        elif (record.message_encoding, described.encoding, described.name) != ("protobuf",) * 2 + (wanted,):
+            self._found.flaws.append(f"{record.topic} holds {described.name[:80]!r}, not {wanted}")
+        else:
+            try:
+                decode = self._factory.decoder_for(record.message_encoding, described)
+            except Exception:  # whatever protobuf makes of a descriptor that is none
+                decode = None
+            if decode is None:
+                self._found.flaws.append(f"the schema of {record.topic} cannot be read")
+            else:
+                self._topics[record.id], self._decoders[record.id] = record.topic, decode
+
+    def topic(self, message: Message) -> str | None:
+        """Topic of a message; ``None`` of one that nobody can read."""
+        return self._topics.get(message.channel)
+
+    def decoded(self, message: Message) -> Any:
+        """A message.
+
+        Raises:
+            DecodeError: it is damaged.
+        """
+        try:
+            return self._decoders[message.channel](message.data)
+        except (ValueError, TypeError, RecursionError) as error:
+            raise DecodeError(str(error)) from error
 
 
 def gather_mcap(path: Path) -> Found:
-    """What is in an MCAP, as far as it can be read."""
-    from mcap.records import Attachment, Channel, Message, Metadata, Schema
-    from mcap_protobuf.decoder import DecoderFactory
+    """What is in an MCAP, as far as it can be read.
 
+    Raises:
+        ContentError: what it says of itself cannot be.
+    """
     from mjmerge.record import schema
 
-    messages = {schema.LAW_TOPIC: schema.LAW_MESSAGE}
-    messages |= {schema.car_topic(car): schema.CAR_MESSAGE for car in CARS}
-    numbers = {topic: attrgetter(*_leaves(schema.MESSAGES[name])) for topic, name in messages.items()}
-    found, decoders = Found(), DecoderFactory()
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, tuple[str, Callable[[bytes], Any]]] = {}
-    rows: dict[str, tuple[list[int], list[Any]]] = defaultdict(lambda: ([], []))
-    for record in _records(path, found):
+    kinds = {schema.LAW_TOPIC: schema.LAW_MESSAGE}
+    kinds |= {schema.car_topic(car): schema.CAR_MESSAGE for car in CARS}
+    found, file = Found(), McapFile(path)
+    channels = _Channels(found)
+    rows: dict[str, tuple[list[int], list[Message]]] = defaultdict(lambda: ([], []))
+    metadata: set[str] = set()
+    for record in file.read():
         match record:
-            case Schema():
-                schemas[record.id] = record
-            case Channel():
-                decode = decoders.decoder_for(record.message_encoding, schemas.get(record.schema_id))
-                if decode is not None:
-                    channels[record.id] = record.topic, decode
+            case Schema() | Channel():
+                channels.add(record)
             case Attachment():
-                found.texts[record.name] = record.data.decode()
-            case Metadata(name="mjmerge"):
-                found.schema_version = int(record.metadata["schema_version"])
-            case Metadata(name="outcome"):
-                found.verdict = record.metadata["verdict"]
-            case Metadata(name="sha256"):
-                found.sha256 = record.metadata
-            case Message() if record.channel_id in channels and found.schema_version == SCHEMA_VERSION:
-                topic, decode = channels[record.channel_id]
-                if topic in numbers:
-                    try:
-                        values = numbers[topic](decode(record.data))
-                    except Exception as error:
-                        found.fault = f"{topic}: {error}"
-                        continue
-                    rows[topic][0].append(record.log_time)
-                    rows[topic][1].append(values)
-                elif topic == "/log":
-                    log = decode(record.data)
-                    level = type(log).Level.Name(log.level).lower()
-                    text = f"{log.name}: {log.message}" if log.name else log.message
-                    found.said.append((record.log_time, level, text))
-                elif topic == "/phases":
-                    log = decode(record.data)
-                    found.states.append((record.log_time, log.name, log.message))
-    found.manifest = json.loads(found.texts.get("manifest.json", "{}"))
+                _attach(found, record)
+            case Metadata():
+                if record.name in metadata:
+                    found.flaws.append(f"several metadata called {record.name[:80]!r}")
+                metadata.add(record.name)
+                _note(found, record)
+            case Message():
+                topic = channels.topic(record)
+                if topic is None:
+                    continue
+                if record.time_ns != record.published_ns or record.time_ns > _LATEST_NS:
+                    found.flaws.append(f"{topic} has a message of the time {record.time_ns} ns")
+                    continue
+                if topic in kinds:
+                    rows[topic][0].append(record.time_ns)
+                    rows[topic][1].append(record)
+                else:
+                    _say(found, topic, record, channels)
+    found.finished, found.fault = file.finished, file.fault
+    found.flaws += file.flaws
+    if "manifest.json" in found.texts:
+        found.manifest = content.manifest_of(found.texts["manifest.json"])
+    if found.schema_version == SCHEMA_VERSION:
+        _number(found, rows, kinds, channels)
+    return found
+
+
+def _attach(found: Found, record: Attachment) -> None:
+    if record.name in found.texts:
+        found.flaws.append(f"several attachments called {record.name}")
+    elif record.name in TEXTS:
+        found.texts[record.name] = content.decoded(record.data, record.name)
+
+
+def _note(found: Found, record: Metadata) -> None:
+    """Takes what metadata say."""
+    try:
+        if record.name == "mjmerge":
+            found.schema_version = content.version_of(record.metadata["schema_version"])
+        elif record.name == "outcome":
+            found.verdict = record.metadata["verdict"]
+        elif record.name == "sha256":
+            found.sha256 = record.metadata
+    except KeyError as error:
+        raise ContentError(f"its metadata {record.name} have no {error.args[0]}") from error
+    found.properties[record.name] = record.metadata
+
+
+def _say(found: Found, topic: str, message: Message, channels: _Channels) -> None:
+    """Takes an event, or a change of state, and looks whether a drawing can be read."""
+    try:
+        log = channels.decoded(message)
+        if topic not in ("/log", "/phases"):
+            return
+        if topic == "/phases":
+            found.states.append((message.time_ns, log.name, log.message))
+            return
+        level = type(log).Level.Name(log.level).lower()
+    except (DecodeError, ValueError, AttributeError):
+        found.flaws.append(f"{topic} has a damaged message at {message.time_ns / NS_PER_S:g} s")
+        return
+    found.said.append((message.time_ns, level, f"{log.name}: {log.message}" if log.name else log.message))
+
+
+def _number(
+    found: Found,
+    rows: dict[str, tuple[list[int], list[Message]]],
+    kinds: dict[str, str],
+    channels: _Channels,
+) -> None:
+    """Turns the messages that hold our numbers into series."""
+    from mjmerge.record import schema
+
     step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
-    for topic, (times, lines) in rows.items():
+    for topic, (times, messages) in rows.items():
+        values = schema.layout(kinds[topic]).decode([m.data for m in messages])
+        if values is None:
+            leaves = attrgetter(*_leaves(schema.MESSAGES[kinds[topic]]))
+            try:
+                if len(messages) > _MOST_FOREIGN:
+                    raise DecodeError
+                values = np.array([leaves(channels.decoded(m)) for m in messages], np.float64)
+            except (DecodeError, AttributeError, TypeError, ValueError):
+                found.flaws.append(f"{topic} has messages that cannot be decoded")
+                continue
         time_ns = np.array(times, np.int64)
         ticks = np.rint(time_ns / step_ns).astype(np.int64)
-        found.series[topic] = ticks, time_ns, np.array(lines, np.float64)
-    if found.series and len(found.series) < len(messages):
-        found.series.clear()  # cut off within the first tick
-    return found
+        found.series[topic] = ticks, time_ns, values
+    lacks = [topic for topic in kinds if topic not in found.series]
+    if found.series and lacks:
+        if found.finished:
+            found.flaws.append(f"nothing in it of {', '.join(lacks)}")
+        found.series.clear()  # cut off within the first tick, or without what every tick needs
 
 
 def _leaves(fields: tuple[Field, ...]) -> list[str]:

@@ -1,85 +1,64 @@
 """What is in a Rerun recording, finished or not, read with Rerun's own reader.
 
-That reader refuses a file that was cut off, and can take the process down with it on one that is damaged:
-here it gets whole frames only, and another process may try first.
+That reader can take the process down with it on a file that is damaged, or never come back: another process
+may try first.
 """
 
 from __future__ import annotations
 
-import json
-import struct
 import subprocess
 import sys
-import tempfile
 import warnings
 from collections import defaultdict
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mjmerge.phases import ENDED, NAMES
+from mjmerge.record import content
+from mjmerge.record.content import ContentError
 from mjmerge.record.found import NS_PER_S, Found, Ticks
 from mjmerge.record.manifest import SCHEMA_VERSION
+from mjmerge.record.mcap_file import TooLargeError
+from mjmerge.record.rrd_file import whole_frames
 from mjmerge.scenario import CARS
 from mjmerge.trace import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_HEADER_BYTES, _FRAME = 12, struct.Struct("<QQ")  # of the file; of a frame: its kind, its length
-_END = 0
-
-
-@contextmanager
-def whole_frames(path: Path) -> Iterator[tuple[Path, bool, str]]:
-    """A Rerun recording without the frame it was cut off in; Rerun itself refuses such a file.
-
-    Yields:
-        The file, or a temporary copy up to its last whole frame; whether it is finished; what is wrong.
-    """
-    size, at, kind = path.stat().st_size, _HEADER_BYTES, -1
-    with path.open("rb") as file:
-        while at + _FRAME.size <= size:
-            file.seek(at)
-            kind, length = _FRAME.unpack(file.read(_FRAME.size))
-            if at + _FRAME.size + length > size or kind == _END:
-                break
-            at += _FRAME.size + length
-        finished = kind == _END and at + _FRAME.size < size and _has_footer(path)
-        if finished or at == size:
-            yield path, finished, "" if finished else "it ends without a footer"
-            return
-        with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder) / "whole.rrd"
-            file.seek(0)
-            with copy.open("wb") as out:
-                left = at
-                while part := file.read(min(left, 2**20)):
-                    out.write(part)
-                    left -= len(part)
-            yield copy, False, f"it ends within a frame, {size - at} bytes after the last whole one"
-
-
-def _has_footer(path: Path) -> bool:
-    with path.open("rb") as file:
-        file.seek(-32, 2)
-        return b"RRF2FOOT" in file.read()
-
-
-def survives(path: Path) -> bool:
-    """Whether Rerun's reader gets through, or at least gives up in an orderly way."""
-    attempt = """
-import contextlib, sys, rerun.chunk as rc
+_PATIENCE_S, _BYTES_PER_S = 6.0, 10e6
+"""What Rerun's reader gets for a file, and how fast it is at least; it needs a tenth of that."""
+_MEMORY_BYTES = 4 * 2**30
+"""Address space of the process that tries first; Rerun reserves much and uses little."""
+_LEVELS = {"INFO": "info", "WARN": "warning", "ERROR": "error"}
+_ATTEMPT = """
+import contextlib, resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+import rerun.chunk as rc
 with contextlib.suppress(Exception):
     for chunk in rc.RrdReader(sys.argv[1]).stream():
         chunk.to_record_batch()
 """
+
+
+def survives(path: Path) -> bool:
+    """Whether Rerun's reader gets through in time, or at least gives up in an orderly way.
+
+    Raises:
+        TooLargeError: a frame would unpack to more than may be.
+    """
+    patience_s = _PATIENCE_S + path.stat().st_size / _BYTES_PER_S
     with whole_frames(path) as (whole, *_):
-        command = [sys.executable, "-c", attempt, str(whole)]
-        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+        command = [sys.executable, "-c", _ATTEMPT, str(whole), str(_MEMORY_BYTES)]
+        try:
+            done = subprocess.run(command, capture_output=True, check=False, timeout=patience_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return done.returncode == 0
 
 
 def _batches(path: Path, found: Found) -> Iterator[tuple[str, pa.RecordBatch]]:
@@ -89,11 +68,23 @@ def _batches(path: Path, found: Found) -> Iterator[tuple[str, pa.RecordBatch]]:
     with whole_frames(path) as (whole, found.finished, found.fault), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a missing footer
         try:
-            for chunk in rc.RrdReader(whole).stream():
+            reader = rc.RrdReader(whole)
+            stores = len(reader.recordings())
+            if stores != 1:
+                found.flaws.append(f"{stores} recordings in one file")
+            for chunk in reader.stream():
                 yield chunk.entity_path, chunk.to_record_batch()
+        except TooLargeError:
+            raise
         except Exception as error:  # whatever the bytes of a damaged file lead to
             found.finished = False
-            found.fault = str(error) or type(error).__name__
+            found.fault = "Rerun's reader gives up" + (f": {_line(error)}" if _line(error) else "")
+
+
+def _line(error: Exception) -> str:
+    """The first line of an error, without the path of a copy."""
+    first = (str(error).splitlines() or [""])[0]
+    return "" if "whole.rrd" in first else first[:200]
 
 
 def rrd_batches(path: Path) -> Iterator[tuple[str, pa.RecordBatch]]:
@@ -102,53 +93,103 @@ def rrd_batches(path: Path) -> Iterator[tuple[str, pa.RecordBatch]]:
 
 
 def gather_rrd(path: Path) -> Found:
-    """What is in a Rerun recording, as far as it can be read."""
+    """What is in a Rerun recording, as far as it can be read.
+
+    Raises:
+        ContentError: what it says of itself cannot be.
+        TooLargeError: a frame would unpack to more than may be.
+    """
     from mjmerge.record import arrow, layout, schema
 
-    messages = {schema.LAW_TOPIC: arrow.component(schema.LAW_MESSAGE)}
-    messages |= {schema.car_topic(car): arrow.component(schema.CAR_MESSAGE) for car in CARS}
+    messages = {schema.LAW_TOPIC: schema.LAW_MESSAGE}
+    messages |= {schema.car_topic(car): schema.CAR_MESSAGE for car in CARS}
     subjects = {layout.phase_entity(subject): subject for subject in NAMES}
     texts = {"/run/scenario": "scenario.yaml", "/run/world": "world.xml"}
-    levels = {"INFO": "info", "WARN": "warning", "ERROR": "error"}
     found = Found()
     parts: dict[str, list[tuple[Ticks, Array]]] = defaultdict(list)
-
-    def one(batch: pa.RecordBatch, name: str) -> Any:
-        return batch[name][0].as_py()[0]
-
     for entity, batch in _batches(path, found):
         names = set(batch.schema.names)
-        if entity in messages and messages[entity] in names:
-            try:
-                parts[entity].append((time_ns_of(batch), arrow.numbers(batch[messages[entity]])))
-            except ValueError as error:
-                found.fault = f"{entity}: {error}"
-        elif entity.endswith(schema.LAW_TOPIC):
-            found.fault = "it shows several runs side by side; take their own recordings"
-        elif entity in texts and "TextDocument:text" in names:
-            found.texts[texts[entity]] = one(batch, "TextDocument:text")
-        elif entity == "/__properties/run" and "manifest" in names:
-            found.schema_version = int(one(batch, "schema_version"))
-            found.manifest = json.loads(one(batch, "manifest"))
-        elif entity == "/__properties/outcome" and "verdict" in names:
-            found.verdict = one(batch, "verdict")
-            found.texts["summary.json"] = one(batch, "summary")
-            found.sha256 = json.loads(one(batch, "sha256"))
-        elif entity == "/events" and "TextLog:text" in names:
-            rows = zip(time_ns_of(batch), batch["TextLog:level"], batch["TextLog:text"], strict=True)
-            found.said += [(int(t), levels[level.as_py()[0]], text.as_py()[0]) for t, level, text in rows]
-        elif entity in subjects and "StateChange:state" in names:
-            changes = zip(time_ns_of(batch), batch["StateChange:state"], strict=True)
-            found.states += [(int(t), subjects[entity], s.as_py()[0] or ENDED) for t, s in changes]
-    step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
-    if found.schema_version == SCHEMA_VERSION and messages.keys() <= parts.keys():
-        for entity in messages:  # otherwise cut off within the first block
-            time_ns = np.concatenate([part[0] for part in parts[entity]])
-            numbers = np.concatenate([part[1] for part in parts[entity]])
-            order = np.argsort(time_ns, kind="stable")  # chunks come in any order
-            ticks = np.rint(time_ns / step_ns).astype(np.int64)
-            found.series[entity] = ticks[order], time_ns[order], numbers[order]
+        try:
+            if entity in messages and arrow.component(messages[entity]) in names:
+                values = arrow.numbers(batch[arrow.component(messages[entity])], messages[entity])
+                parts[entity].append((time_ns_of(batch), values))
+            elif entity.endswith(schema.LAW_TOPIC):
+                found.flaws.append("it shows several runs side by side; take their own recordings")
+            elif entity in texts and "TextDocument:text" in names:
+                _once(found, found.texts, texts[entity], _one(batch, "TextDocument:text"))
+            elif entity == "/__properties/run" and "manifest" in names:
+                found.schema_version = content.version_of(str(_one(batch, "schema_version")))
+                _once(found, found.texts, "manifest.json", _one(batch, "manifest"))
+                said = {name: _one(batch, name) for name in ("scenario", "plant", "seed", "continuous")}
+                repeated = {n: content.json_of(_one(batch, n), n) for n in ("versions", "conventions")}
+                found.properties["run"] = said | repeated
+            elif entity == "/__properties/outcome" and "verdict" in names:
+                _once(found, found.texts, "summary.json", _one(batch, "summary"))
+                found.verdict = str(_one(batch, "verdict"))
+                found.sha256 = content.texts_of(content.json_of(_one(batch, "sha256"), "sha256"), "sha256")
+            elif entity == "/events" and "TextLog:text" in names:
+                rows = zip(time_ns_of(batch), batch["TextLog:level"], batch["TextLog:text"], strict=True)
+                found.said += [(int(t), _LEVELS[n.as_py()[0]], text.as_py()[0]) for t, n, text in rows]
+            elif entity in subjects and "StateChange:state" in names:
+                changes = zip(time_ns_of(batch), batch["StateChange:state"], strict=True)
+                found.states += [(int(t), subjects[entity], s.as_py()[0] or ENDED) for t, s in changes]
+        except ContentError:
+            raise
+        except (
+            ValueError,
+            TypeError,
+            KeyError,
+            IndexError,
+            AttributeError,
+        ) as error:  # Arrow's are among them
+            del error
+            found.flaws.append(f"{entity} holds something else than a recording has there")
+    if "manifest.json" in found.texts:
+        found.manifest = content.manifest_of(found.texts["manifest.json"])
+    _number(found, parts, set(messages))
     return found
+
+
+def _number(found: Found, parts: dict[str, list[tuple[Ticks, Array]]], wanted: set[str]) -> None:
+    """Puts the parts of each series together."""
+    if found.schema_version != SCHEMA_VERSION:
+        return
+    lacks = sorted(wanted - parts.keys())
+    if lacks:  # cut off within the first block, or without what every tick needs
+        if found.finished and parts:
+            found.flaws.append(f"nothing in it of {', '.join(lacks)}")
+        return
+    step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
+    for entity, some in parts.items():
+        time_ns = np.concatenate([part[0] for part in some])
+        numbers = np.concatenate([part[1] for part in some])
+        order = np.argsort(time_ns, kind="stable")  # chunks come in any order
+        ticks = np.rint(time_ns / step_ns).astype(np.int64)
+        found.series[entity] = ticks[order], time_ns[order], numbers[order]
+
+
+def _one(batch: pa.RecordBatch, name: str) -> Any:
+    """The one value of a column that has one.
+
+    Raises:
+        ContentError: it has none.
+    """
+    try:
+        value = batch[name][0].as_py()[0]
+    except (TypeError, IndexError, KeyError, ValueError) as error:
+        raise ContentError(f"its {name} is missing") from error
+    if isinstance(value, str) and len(value) > content.LARGEST_TEXT_BYTES:
+        raise ContentError(f"its {name} is longer than {content.LARGEST_TEXT_BYTES // 2**20} MiB")
+    return value
+
+
+def _once(found: Found, texts: dict[str, str], name: str, value: Any) -> None:
+    """Takes a text that may be there once."""
+    if name in texts:
+        found.flaws.append(f"{name} is in it several times")
+    if not isinstance(value, str):
+        raise ContentError(f"its {name} is no text")
+    texts.setdefault(name, value)
 
 
 def time_ns_of(batch: pa.RecordBatch) -> Ticks:

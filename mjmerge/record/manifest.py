@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import subprocess
+from collections.abc import Mapping
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -54,6 +56,11 @@ def git_revision() -> str | None:
         return git("describe", "--always", "--dirty", "--abbrev=12")
     except (OSError, subprocess.SubprocessError):
         return None
+
+
+def canonical(of: Mapping[str, Any]) -> str:
+    """A manifest as the text that its fingerprint is of."""
+    return json.dumps(of, sort_keys=True)
 
 
 def manifest(header: Header) -> dict[str, Any]:

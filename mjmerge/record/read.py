@@ -6,7 +6,6 @@ where it was cut off.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import reduce
@@ -22,13 +21,19 @@ from mjmerge.datasheet import DataSheet
 from mjmerge.document import parse
 from mjmerge.errors import UnreadableError
 from mjmerge.loader import load
+from mjmerge.record import content
+from mjmerge.record.content import ContentError
 from mjmerge.record.found import NS_PER_S, Found, Said, Ticks
 from mjmerge.record.from_mcap import gather_mcap
 from mjmerge.record.from_rrd import gather_rrd, survives
+from mjmerge.record.manifest import canonical
+from mjmerge.record.mcap_file import TooLargeError
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.trace import COLUMNS, Array, Stop, Trace
 
 _MCAP_MAGIC, _RRD_MAGIC = b"\x89MCAP0\r\n", b"RRF2"
+MOST_TICKS = 400_000
+"""Of a run that is read: an hour at 0.01 s has 360,000. Longer ones must have their ticks in the file."""
 _RUN_FILES = ("run.mcap", "run.rrd", "run.mcap.partial", "run.rrd.partial")
 
 
@@ -42,7 +47,9 @@ class Recorded:
         schema_version: of the file; ``None`` where it says none.
         finished: whether the file ends as its format wants it.
         fault: why reading ended before the end of the file; empty if it did not.
+        flaws: what is in it and cannot be right, whatever the run was, in words.
         manifest: where the run comes from, see ``record/manifest.py``.
+        properties: what the file says beside that, in words, by name and key.
         scenario_yaml: the scenario, resolved.
         world_xml: the composed MJCF.
         verdict: what the file claims; ``None`` where the run did not end.
@@ -53,6 +60,7 @@ class Recorded:
         grids: ticks of every series, in the order of the file, and their times, ns.
         ticks: the ticks that every series has, (T,).
         time_ns: their times, (T,).
+        own_time_s: what each series says itself that its times are, s, (T,).
         columns: each column of ``COLUMNS`` and ``time_s`` at those ticks, (T, ...); what is not there is left
             out, and a file of another schema has none.
     """
@@ -62,7 +70,9 @@ class Recorded:
     schema_version: int | None
     finished: bool
     fault: str
-    manifest: Mapping[str, Any]
+    flaws: tuple[str, ...]
+    manifest: dict[str, Any]
+    properties: Mapping[str, Mapping[str, Any]]
     scenario_yaml: str
     world_xml: str
     verdict: str | None
@@ -73,6 +83,7 @@ class Recorded:
     grids: Mapping[str, tuple[Ticks, Ticks]]
     ticks: Ticks
     time_ns: Ticks
+    own_time_s: Mapping[str, Array] = field(repr=False)
     columns: Mapping[str, Array] = field(repr=False)
 
     @property
@@ -95,7 +106,12 @@ class Recorded:
         document = parse(self.scenario_yaml)
         if document.problems or not isinstance(document.value, dict):
             raise UnreadableError(self.path, "its scenario is damaged")
-        return load(document.value, sheets=self.sheets()).named(str(self.manifest["scenario"]))
+        scenario = load(document.value, sheets=self.sheets()).named(str(self.manifest["scenario"]))
+        if scenario.ticks > max(MOST_TICKS, 2 * len(self.ticks)):
+            raise UnreadableError(
+                self.path, f"its scenario has {scenario.ticks} ticks; up to {MOST_TICKS} can be read"
+            )
+        return scenario
 
     def sheets(self) -> tuple[DataSheet, ...]:
         """The data sheet of each car, at its size.
@@ -107,12 +123,17 @@ class Recorded:
             given = self.manifest["sheets"]
             return tuple(DataSheet.model_validate(given[car]) for car in CARS)
         except (KeyError, TypeError, ValidationError) as error:
-            raise UnreadableError(self.path, "the data sheets of its cars are missing or damaged") from error
+            why = "the data sheets of its cars are not in it: was it recorded by an earlier version?"
+            raise UnreadableError(self.path, why) from error
 
     @property
     def texts(self) -> dict[str, str]:
         """What is in it as text, by name, as in :class:`~mjmerge.record.base.Header`."""
-        return {"scenario.yaml": self.scenario_yaml, "world.xml": self.world_xml}
+        return {
+            "scenario.yaml": self.scenario_yaml,
+            "world.xml": self.world_xml,
+            "manifest.json": canonical(self.manifest),
+        }
 
     def trace(self) -> Trace:
         """The run as a trace of one simulation, NaN where the file has nothing.
@@ -172,38 +193,42 @@ def read(path: Path, *, wary: bool = True) -> Recorded:
     """
     try:
         kind, found = _gather(path, wary)
-    except (AttributeError, KeyError, ValueError, TypeError) as error:
-        raise UnreadableError(path, f"what it says of the run is damaged: {error}") from error
+        summary = content.summary_of(found.texts.get("summary.json", "null"))
+    except (ContentError, TooLargeError) as error:
+        raise UnreadableError(path, str(error)) from error
     if "control_step_s" not in found.manifest or "scenario.yaml" not in found.texts:
-        where = f": {found.fault}" if found.fault else ""
-        raise UnreadableError(path, f"what the run was is not in it{where}")
+        why = [found.fault] if found.fault else found.flaws[:1]
+        raise UnreadableError(path, ": ".join(["what the run was is not in it", *why]))
     grids = {name: (ticks, time_ns) for name, (ticks, time_ns, _) in found.series.items()}
     common = reduce(np.intersect1d, (t for t, _ in grids.values())) if grids else np.empty(0, np.int64)
-    times, columns = np.empty(0, np.int64), {}
+    times, columns, own_time_s = np.empty(0, np.int64), {}, {}
     rows = {name: _rows(ticks, common) for name, (ticks, _) in grids.items()}
     if grids:
         first = next(iter(grids))
         times = grids[first][1][rows[first]]
         values = {name: series[rows[name]] for name, (_, _, series) in found.series.items()}
+        own_time_s = {name: series[:, 0] for name, series in values.items()}
         columns = _split(values)
-    summary = found.texts.get("summary.json")
     return Recorded(
         path=path,
         kind=kind,
         schema_version=found.schema_version,
         finished=found.finished,
         fault=found.fault,
+        flaws=tuple(dict.fromkeys(found.flaws)),
         manifest=found.manifest,
+        properties=found.properties,
         scenario_yaml=found.texts["scenario.yaml"],
         world_xml=found.texts.get("world.xml", ""),
         verdict=found.verdict,
-        summary=None if summary is None else json.loads(summary),
+        summary=summary,
         sha256=found.sha256,
         said=sorted(found.said),
         states=sorted(found.states),
         grids=grids,
         ticks=common,
         time_ns=times,
+        own_time_s=own_time_s,
         columns=columns,
     )
 

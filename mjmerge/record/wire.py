@@ -7,6 +7,8 @@ times faster than building messages one by one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,6 +77,20 @@ class Layout:
         self._times += [start + at for at in inner._times]
         self._wire += inner._wire
         return self
+
+    def decode(self, messages: Sequence[bytes]) -> Array | None:
+        """The doubles of messages that are laid out like this one, (B, doubles); ``None`` if one is not."""
+        size = len(self._wire)
+        if self._times or any(len(message) != size for message in messages):
+            return None
+        rows = np.frombuffer(b"".join(messages), np.uint8).reshape(-1, size)
+        at = np.add.outer(self._doubles, np.arange(8))
+        rest = np.ones(size, bool)
+        rest[at.ravel()] = False
+        if (rows[:, rest] != np.frombuffer(bytes(self._wire), np.uint8)[rest]).any():
+            return None
+        values: Array = np.ascontiguousarray(rows[:, at]).view("<f8")[..., 0].astype(np.float64)
+        return values
 
     def encode(self, doubles: Array, time_ns: NDArray[np.int64]) -> list[bytes]:
         """The messages of a block.

@@ -1,0 +1,165 @@
+"""What a recording says in words and JSON, checked before anything uses it.
+
+Sizes and nesting are bounded, and every type is looked at: what does not fit is an error with the key in it,
+whoever wrote the file.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, ValidationError
+
+from mjmerge.datasheet import DataSheet
+from mjmerge.frozen import Frozen
+from mjmerge.plant import PLANTS
+from mjmerge.scenario import CARS
+
+LARGEST_TEXT_BYTES = 8 * 2**20
+"""Of a text in a recording: a scenario has 3 kB, a world 70 kB."""
+DEEPEST = 20
+"""Levels of nesting in JSON; a manifest has five."""
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
+
+
+class ContentError(ValueError):
+    """What a recording says and cannot mean."""
+
+
+class _Stop(Frozen):
+    """Why the run ended before its time."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    time_s: float
+    car: Literal[CARS]  # type: ignore[valid-type]
+    reason: Annotated[str, Field(max_length=2000)]
+    touched: bool = False
+
+
+class Manifest(Frozen):
+    """Where a run comes from, as far as anything here relies on it; see ``record/manifest.py``."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    schema_version: int
+    scenario: Annotated[str, Field(max_length=500)]
+    description: str
+    plant: str
+    seed: Annotated[int, Field(ge=-(2**63), lt=2**63)]
+    control_step_s: Annotated[float, Field(ge=1e-6, le=1)]
+    continuous: bool
+    versions: dict[str, str]
+    acceptance: dict[str, dict[str, Any]]
+    conventions: dict[str, str]
+    columns: list[dict[str, Any]]
+    sheets: dict[str, DataSheet] | None = None
+
+
+def decoded(data: bytes, name: str) -> str:
+    """A text.
+
+    Raises:
+        ContentError: it is too long, or none.
+    """
+    if len(data) > LARGEST_TEXT_BYTES:
+        raise ContentError(
+            f"{name} has {len(data) / 2**20:.3g} MiB; a text may have {LARGEST_TEXT_BYTES // 2**20} MiB"
+        )
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise ContentError(f"{name} is not text in UTF-8") from error
+
+
+def json_of(text: str, name: str) -> Any:
+    """A JSON document.
+
+    Raises:
+        ContentError: it is none, too long, or too deep.
+    """
+    if len(text) > LARGEST_TEXT_BYTES:
+        raise ContentError(f"{name} is longer than {LARGEST_TEXT_BYTES // 2**20} MiB")
+    depth = deepest = 0
+    for bracket in re.findall(r"[\[\]{}]", _STRING.sub("", text)):
+        depth += 1 if bracket in "[{" else -1
+        deepest = max(deepest, depth)
+    if deepest > DEEPEST:
+        raise ContentError(f"{name} is nested more than {DEEPEST} levels deep")
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise ContentError(f"{name} is not JSON") from error
+
+
+def manifest_of(text: str) -> dict[str, Any]:
+    """A manifest, as written.
+
+    Raises:
+        ContentError: something in it is missing or of a wrong type.
+    """
+    value = json_of(text, "manifest.json")
+    if not isinstance(value, dict):
+        raise ContentError("manifest.json is not a mapping")
+    try:
+        valid = Manifest.model_validate(value)
+    except ValidationError as invalid:
+        raise ContentError(f"manifest.json: {_first(invalid)}") from invalid
+    if valid.plant not in PLANTS:
+        raise ContentError(f"manifest.json: plant: no plant called {valid.plant[:40]!r}")
+    if valid.sheets is not None and set(valid.sheets) != set(CARS):
+        raise ContentError("manifest.json: sheets: not one of each car")
+    return value
+
+
+def summary_of(text: str) -> dict[str, Any] | None:
+    """A summary, as written; ``None`` for one that says nothing.
+
+    Raises:
+        ContentError: it is no summary, or why the run stopped is damaged.
+    """
+    value = json_of(text, "summary.json")
+    if value is None:
+        return None
+    if not isinstance(value, dict):
+        raise ContentError("summary.json is not a mapping")
+    stops = value.get("stops", [])
+    if not isinstance(stops, list) or len(stops) > 1:
+        raise ContentError("summary.json: stops: not a list of at most one")
+    for stop in stops:
+        try:
+            _Stop.model_validate(stop)
+        except ValidationError as invalid:
+            raise ContentError(f"summary.json: stops: {_first(invalid)}") from invalid
+    return value
+
+
+def texts_of(value: Any, name: str) -> dict[str, str]:
+    """A mapping of text to text.
+
+    Raises:
+        ContentError: it is none.
+    """
+    if not isinstance(value, Mapping) or not all(isinstance(v, str) for v in value.values()):
+        raise ContentError(f"{name} is not a mapping of text")
+    return dict(value)
+
+
+def version_of(text: str) -> int:
+    """A schema version.
+
+    Raises:
+        ContentError: it is no number.
+    """
+    if not re.fullmatch(r"\d{1,9}", text):
+        raise ContentError(f"its schema version is {text[:20]!r}")
+    return int(text)
+
+
+def _first(invalid: ValidationError) -> str:
+    """The first thing that is wrong, with its key."""
+    error = invalid.errors(include_url=False, include_input=False)[0]
+    return f"{'.'.join(map(str, error['loc']))}: {error['msg'][:200]}"
