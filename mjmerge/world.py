@@ -1,8 +1,9 @@
 """One MJCF world from a scenario: a road and its cars, composed with ``dm_control.mjcf``.
 
-This is the only module that knows dm_control, and the only one that knows what a car's MJCF must hold.
-The compiled model is checked: options that a composition can silently lose, and every name that the plant
-and the recorders rely on.
+This is the only module that knows dm_control. What a car's MJCF must hold, and what it must not, is checked
+before (``mjmerge.car_file``) and after it is compiled (``mjmerge.car_checks`` and those beside), and the
+compiled world is compared with the one without cars (``mjmerge.world_checks``), because dm_control merges a
+car's options into it.
 """
 
 from __future__ import annotations
@@ -20,55 +21,48 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge import share
+from mjmerge import car_checks, car_controls, car_sizes, share
 from mjmerge.bounds import MOST_DASHES
+from mjmerge.car import Car
+from mjmerge.car_file import CarFile
 from mjmerge.datasheet import DataSheet
 from mjmerge.errors import ModelError, nearest
 from mjmerge.loader import data_sheet
 from mjmerge.mismatch import Mismatch, Tyre
+from mjmerge.parts import BRAKE, DRIVE, DRIVEN, NUMBERS, RESISTANCE, SENSORS, STEER, STEERED, WHEELS, names
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Array
+from mjmerge.world_checks import differences
 
 with warnings.catch_warnings():  # dm_control looks for a window on import, and warns where there is none
     warnings.filterwarnings("ignore", module="glfw")
     from dm_control import mjcf
 
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-"""Order of every wheel axis."""
-STEERED = WHEELS[:2]
-DRIVEN = {"all": (0, 1, 2, 3), "front": (0, 1), "rear": (2, 3)}
-"""Driven wheels by what a data sheet calls them."""
-DRIVE = tuple(f"drive_{w}" for w in WHEELS)
-BRAKE = tuple(f"brake_{w}" for w in WHEELS)
-STEER = tuple(f"steer_{w}" for w in STEERED)
-NUMBERS = {
-    "spin_limit_radps": 1,  # the wheel speed beyond which the motors give no torque
-    "power_limit_w": 1,  # what all motors together can give
-    "steer_rate_limit_radps": 1,  # fastest change of the angle that the steering servos are told
-    "drag_area_m2": 1,  # drag coefficient times frontal area
-    "rolling_resistance": 1,  # over weight
-    "cornering_stiffness_n_per_rad": 2,  # of the front and the rear axle, both tyres
-}
-"""Custom numbers of every car, with how many each has: its truth where MJCF has no place for it."""
-RESISTANCE = "resistance"
-"""Actuator that pushes a car back with the force of air and rolling resistance."""
+__all__ = [
+    "BRAKE",
+    "DRIVE",
+    "DRIVEN",
+    "HARDEST",
+    "IMPRATIO",
+    "LONGEST_STEP_S",
+    "NUMBERS",
+    "RESISTANCE",
+    "SENSORS",
+    "STEER",
+    "STEERED",
+    "WHEELS",
+    "World",
+    "build",
+    "compose",
+    "single",
+]
+
 IMPRATIO = 0.012
 """Of the world: low, so that the road stays hard under a tyre that slips; see ``mjmerge.plant.tyre``."""
 LONGEST_STEP_S = 0.002
 """Of the physics, with tyres that slip; at 0.004 s a car's path is wrong by metres."""
 HARDEST = 0.9999
 """MuJoCo's largest impedance: that of the tyres of a car that stands."""
-SENSORS = {
-    "front_position": 3,
-    "front_velocity": 3,
-    "forward_axis": 3,
-    "up_axis": 3,
-    "rear_velocity": 3,
-    "steer_left": 1,
-    "steer_right": 1,
-}
-"""Sensors every car has, with their sizes."""
-
 _PAINT = {
     "ego": (0.16, 0.62, 0.33, 1),
     "vehicle_1": (0.17, 0.38, 0.75, 1),
@@ -262,13 +256,16 @@ def compose(
     length = max(sheet.length_m for sheet in sheets)
     root.statistic.extent = 7.0 * length
     root.statistic.center = (0.0, 0.0, 0.35 * length)
+    without_cars = mujoco.MjModel.from_xml_string(root.to_xml_string())
     if draw is not None:
         draw(root)
 
+    files = {}
     for (car, name), sheet in zip(models.items(), sheets, strict=True):
-        _add_car(root, car, share.model_folder(name), sheet, friction, (delays_s or {}).get(car, 0.0))
-    names = tuple(models)
-    for a, b in combinations(names, 2):
+        delay_s = (delays_s or {}).get(car, 0.0)
+        files[car] = _add_car(root, car, share.model_folder(name), sheet, friction, delay_s)
+    cars = tuple(models)
+    for a, b in combinations(cars, 2):
         root.sensor.add(
             "distance",
             name=f"clearance_{a}_{b}",
@@ -291,8 +288,8 @@ def compose(
         model = mujoco.MjModel.from_xml_string(xml, root.get_assets())
     except ValueError as error:
         raise ModelError(f"the composed world does not compile: {error}") from error
-    _check_model(model, names, physics_step_s)
-    return World(model, xml, names, sheets, tyres)
+    _check_model(model, without_cars, files, sheets)
+    return World(model, xml, cars, sheets, tyres)
 
 
 def _mark_lanes(root: mjcf.RootElement, scenario: Scenario) -> None:
@@ -328,9 +325,9 @@ def _mark_lanes(root: mjcf.RootElement, scenario: Scenario) -> None:
 
 def _add_car(
     root: mjcf.RootElement, car: str, folder: Path, sheet: DataSheet, friction: float, delay_s: float
-) -> None:
+) -> CarFile:
     """Attaches a car under its role's name, paints it, frees it, and lets its tyres touch the road."""
-    model = _load_car(folder, sheet)
+    model, file = _load_car(folder, sheet)
     model.model = car
     model.find("material", "paint").rgba = _PAINT[car]
     frame = root.attach(model)
@@ -353,106 +350,59 @@ def _add_car(
             if actuator is not None:
                 actuator.delay = delay_s
                 actuator.nsample = ceil(delay_s / root.option.timestep - 1e-9)
+    return file
 
 
-def _load_car(folder: Path, sheet: DataSheet) -> mjcf.RootElement:
-    """A car's MJCF, checked for everything that is asked of it by name.
+def _load_car(folder: Path, sheet: DataSheet) -> tuple[mjcf.RootElement, CarFile]:
+    """A car's MJCF, checked for everything that is asked of it by name and for what it must not say.
 
     Raises:
-        ModelError: it does not parse, or something is missing; all that is missing is named.
+        ModelError: it does not parse, or something is missing or too much; all of it is named.
     """
-    file = folder / f"{folder.name}.xml"
+    path = folder / f"{folder.name}.xml"
+    file = CarFile.read(path)
+    problems = list(file.problems())
     try:
-        model = mjcf.from_path(str(file))
+        model = mjcf.from_path(str(path))
     except (OSError, ValueError, KeyError, AttributeError, SyntaxError) as error:  # lxml's is a SyntaxError
-        raise ModelError(f"{file}: {error}") from error
-    motors = [DRIVE[i] for i in DRIVEN[sheet.drive]]
-    wanted = (
-        [("body", "chassis"), ("geom", "hull"), ("material", "paint")]
-        + [("numeric", name) for name in NUMBERS]
-        + [("site", name) for name in ("front_axle", "rear_axle", "centre")]
-        + [("body", f"wheel_{w}") for w in WHEELS]
-        + [("geom", f"tyre_{w}") for w in WHEELS]
-        + [("joint", f"spin_{w}") for w in WHEELS]
-        + [("joint", f"steer_{w}") for w in STEERED]
-        + [("actuator", name) for name in (*STEER, *motors, *BRAKE, RESISTANCE)]
-        + [("sensor", name) for name in SENSORS]
-    )
-    problems = []
-    for kind, name in wanted:
+        raise ModelError("\n".join([*problems, f"{path}: {error}"])) from error
+    problems += _missing(model, path, sheet)
+    if problems:
+        raise ModelError("\n".join(problems))
+    return model, file
+
+
+def _missing(model: mjcf.RootElement, file: Path, sheet: DataSheet) -> Iterator[str]:
+    """What is not there, or not as it is expected by name."""
+    for kind, name in names(sheet.drive):
         if model.find(kind, name) is None:
             have = [e.name for e in model.find_all(kind) if e.name]
-            problems.append(f"{file}: no {kind} called {name!r}; {nearest(name, have)}")
-    for name in set(DRIVE) - set(motors):
+            yield f"{file}: no {kind} called {name!r}; {nearest(name, have)}"
+    for name in (DRIVE[i] for i in range(len(WHEELS)) if i not in DRIVEN[sheet.drive]):
         if model.find("actuator", name) is not None:
-            problems.append(
-                f"{file}: there is a motor {name!r}, but datasheet.yaml says drive: {sheet.drive}"
-            )
+            yield f"{file}: there is a motor {name!r}, but datasheet.yaml says drive: {sheet.drive}"
     for name, count in NUMBERS.items():
         number = model.find("numeric", name)
         given = [] if number is None else np.atleast_1d(number.data).tolist()
         if number is not None and (len(given) != count or min(given) < 0):
             expected = "one number that is" if count == 1 else f"{count} numbers that are"
-            problems.append(f"{file}: numeric {name!r} is {given}; expected {expected} not negative")
+            yield f"{file}: numeric {name!r} is {given}; expected {expected} not negative"
     for body in model.find_all("body"):
         if body.inertial is not None and not body.inertial.mass > 0:
-            problems.append(
-                f"{file}: body {body.name!r} has a mass of {body.inertial.mass}; expected above 0 kg"
-            )
+            yield f"{file}: body {body.name!r} has a mass of {body.inertial.mass}; expected above 0 kg"
+
+
+def _check_model(
+    model: mujoco.MjModel,
+    without_cars: mujoco.MjModel,
+    files: Mapping[str, CarFile],
+    sheets: Sequence[DataSheet],
+) -> None:
+    """Raises ModelError where the compiled model is not what was composed, or a car not what it must be."""
+    problems = list(differences(model, without_cars, tuple(files)))
+    for (car, file), sheet in zip(files.items(), sheets, strict=True):
+        one = Car(model, car, sheet)
+        for check in (car_checks, car_controls, car_sizes):
+            problems += [f"{file.place(f.kind, f.name)}: {f.message}" for f in check.findings(one)]
     if problems:
-        raise ModelError("\n".join(problems))
-    return model
-
-
-def _check_model(model: mujoco.MjModel, cars: tuple[str, ...], physics_step_s: float) -> None:
-    """Raises ModelError where the compiled model is not what was composed."""
-    wanted = {
-        "timestep": physics_step_s,
-        "integrator": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-        "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
-        "impratio": IMPRATIO,
-    }
-    for name, value in wanted.items():
-        if getattr(model.opt, name) != value:
-            raise ModelError(f"the compiled world's option {name} is {getattr(model.opt, name)}, not {value}")
-    problems = [f"{car}: {problem}" for car in cars for problem in _car_problems(model, car)]
-    if problems:
-        raise ModelError("\n".join(problems))
-
-
-def _car_problems(model: mujoco.MjModel, car: str) -> Iterator[str]:
-    """What of a compiled car is not as the plant takes it to be."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    axles = {axle: data.site(f"{car}/{axle}_axle").xpos for axle in ("front", "rear")}
-    if not axles["front"][0] > axles["rear"][0]:
-        yield "the site front_axle is not ahead of rear_axle; expected x forward"
-    for wheel in WHEELS:
-        tyre, body = model.geom(f"{car}/tyre_{wheel}"), model.body(f"{car}/wheel_{wheel}")
-        if tyre.type[0] != mujoco.mjtGeom.mjGEOM_SPHERE:
-            shape = mujoco.mjtGeom(int(tyre.type[0])).name.removeprefix("mjGEOM_").lower()
-            yield (
-                f"tyre_{wheel} is a {shape}, not a sphere; expected a sphere of the wheel's radius, because "
-                "other shapes touch the road twice and scrub (a picture of the wheel may have any shape)"
-            )
-        if tyre.bodyid[0] != body.id:
-            yield f"tyre_{wheel} is not on the body wheel_{wheel}"
-        side = 1 if wheel.endswith("left") else -1
-        if not side * data.geom(f"{car}/tyre_{wheel}").xpos[1] > 0:
-            yield f"tyre_{wheel} is on the wrong side; expected y to the left"
-        moves = [("spin", 1, body.id)]
-        if wheel in STEERED:
-            moves.append(("steer", 2, int(body.parentid[0])))
-        for name, axis, on in moves:
-            joint = model.joint(f"{car}/{name}_{wheel}")
-            if joint.type[0] != mujoco.mjtJoint.mjJNT_HINGE or not joint.axis[axis] > 0.9:
-                yield f"joint {name}_{wheel} is expected to be a hinge about {'xyz'[axis]}"
-            if joint.bodyid[0] != on:
-                yield f"joint {name}_{wheel} is expected on the body {model.body(on).name.split('/')[-1]}"
-        for actuator, joint in (("drive", "spin"), ("brake", "spin"), ("steer", "steer")):
-            found = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{car}/{actuator}_{wheel}")
-            if found < 0:
-                continue
-            target = model.joint(int(model.actuator_trnid[found, 0])).name
-            if target != f"{car}/{joint}_{wheel}":
-                yield f"actuator {actuator}_{wheel} acts on {target}; expected {joint}_{wheel}"
+        raise ModelError("\n".join(dict.fromkeys(problems)))  # two cars may be of one file

@@ -39,21 +39,34 @@ def test_a_sound_car_ends_with_0_a_table_and_its_plots(capsys, tmp_path):
     assert (folder / "cornering.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_car_that_is_not_what_its_data_sheet_says_ends_with_1_and_is_stored_as_failed(capsys, tmp_path):
+def test_a_car_that_does_not_drive_as_its_data_sheet_says_ends_with_1_and_is_stored_as_failed(
+    capsys, tmp_path
+):
     shutil.copytree(share.folder("models"), tmp_path / "models")
     car = tmp_path / "models" / "rc"
     data_sheet = (car / "datasheet.yaml").read_text()
-    (car / "datasheet.yaml").write_text(data_sheet.replace("mass_kg: 3.74", "mass_kg: 4.1"))
+    (car / "datasheet.yaml").write_text(data_sheet.replace("steer_lag_s: 0.016", "steer_lag_s: 0.05"))
     code, out, _ = identify(capsys, str(car), "--out", "found", "--json", "--accept")
     found = json.loads(out)
     assert code == 1
     assert out.count("\n") == 1
     assert found["passed"] is False
     wrong = [row["name"] for row in found["table"] if row["passed"] is False]
-    assert {"load on all wheels", "effective mass"} <= set(wrong)
+    assert wrong == ["steering lag"]
     assert acceptance(car).state == "failed"
     assert list(acceptance(car).failed) == wrong
     assert (car / FILE).is_file()
+
+
+def test_a_car_that_is_not_as_heavy_as_its_data_sheet_says_is_refused_with_both_numbers(capsys, tmp_path):
+    shutil.copytree(share.folder("models"), tmp_path / "models")
+    car = tmp_path / "models" / "rc"
+    data_sheet = (car / "datasheet.yaml").read_text()
+    (car / "datasheet.yaml").write_text(data_sheet.replace("mass_kg: 3.74", "mass_kg: 4.1"))
+    code, out, err = identify(capsys, str(car), "--json", "--accept")
+    assert (code, out) == (2, "")
+    assert "the mass of all bodies is 3.74 kg; datasheet.yaml says mass_kg: 4.1" in err
+    assert acceptance(car).state == "stale"
 
 
 @pytest.mark.parametrize(

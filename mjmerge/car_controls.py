@@ -1,0 +1,148 @@
+"""Whether a car's actuators and sensors do what their names say, within the limits of its data sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjmerge.actuation import ackermann
+from mjmerge.car import SAME, Car, Finding, off
+from mjmerge.parts import BRAKE, DRIVE, DRIVEN, SENSORS, STEER, WHEELS
+
+Kind = mujoco.mjtObj
+_SENSED = {
+    "front_position": ("framepos", Kind.mjOBJ_SITE, "front_axle"),
+    "front_velocity": ("framelinvel", Kind.mjOBJ_SITE, "front_axle"),
+    "forward_axis": ("framexaxis", Kind.mjOBJ_XBODY, "chassis"),
+    "up_axis": ("framezaxis", Kind.mjOBJ_XBODY, "chassis"),
+    "rear_velocity": ("velocimeter", Kind.mjOBJ_SITE, "rear_axle"),
+    "steer_left": ("jointpos", Kind.mjOBJ_JOINT, "steer_front_left"),
+    "steer_right": ("jointpos", Kind.mjOBJ_JOINT, "steer_front_right"),
+}
+
+
+def findings(car: Car) -> Iterator[Finding]:
+    """Everything that is wrong with a car's actuators and sensors."""
+    yield from _actuators(car)
+    yield from _sensors(car)
+
+
+def _actuators(car: Car) -> Iterator[Finding]:
+    sheet, model = car.sheet, car.model
+    for i, wheel in enumerate(WHEELS):
+        for what, on in (("drive", "spin"), ("brake", "spin"), ("steer", "steer")):
+            name = f"{what}_{wheel}"
+            if not car.has(Kind.mjOBJ_ACTUATOR, name):
+                continue
+            actuator = car.of("actuator", name)
+            target = model.joint(int(actuator.trnid[0])).name.removeprefix(f"{car.name}/")
+            joint = f"{on}_{wheel}"
+            if actuator.trntype[0] != mujoco.mjtTrn.mjTRN_JOINT or target != joint:
+                yield Finding("actuator", name, f"actuator {name} acts on {target}; expected {joint}")
+            if actuator.gear[0] != 1:
+                yield Finding(
+                    "actuator",
+                    name,
+                    f"actuator {name} has a gear of {actuator.gear[0]:g}; expected 1: limits are "
+                    "those at the wheel",
+                )
+        share = sheet.brake_front_share if i < 2 else 1 - sheet.brake_front_share
+        brake, most = car.of("actuator", BRAKE[i]), sheet.brake_torque_limit_n_m * share / 2
+        got = brake.forcerange[1] if brake.forcelimited[0] else np.inf
+        if not abs(got - most) <= SAME * most:
+            yield Finding(
+                "actuator",
+                BRAKE[i],
+                f"the largest torque of {BRAKE[i]} is {got:.6g} N·m; datasheet.yaml says "
+                f"brake_torque_limit_n_m: {sheet.brake_torque_limit_n_m:g} and brake_front_share: "
+                f"{sheet.brake_front_share:g}, which makes {most:.6g} N·m (within {SAME * most:.3g} N·m)",
+            )
+        if not np.allclose(brake.gainprm[:3], (0, 0, -1)) or np.any(brake.biasprm):
+            yield Finding("actuator", BRAKE[i], f'actuator {BRAKE[i]} is not a <damper> with kv="1"')
+        if i in DRIVEN[sheet.drive]:
+            yield from _motor(car, DRIVE[i])
+    for name in STEER:
+        yield from _servo(car, name)
+    back = car.of("actuator", "resistance")
+    site = car.of("site", "centre").id
+    if (
+        not _plainly(back)
+        or back.trntype[0] != mujoco.mjtTrn.mjTRN_SITE
+        or tuple(back.trnid) != (site, -1)
+        or not np.array_equal(back.gear, (1, 0, 0, 0, 0, 0))
+        or back.ctrllimited[0]
+        or back.forcelimited[0]
+    ):
+        yield Finding(
+            "actuator",
+            "resistance",
+            'actuator resistance is expected to be <general site="centre" gear="1 0 0 0 0 0"/>: it pushes '
+            "the car back with the force that it is told",
+        )
+
+
+def _plainly(actuator: Any) -> bool:
+    """Whether its force is what it is told."""
+    fixed = actuator.gaintype[0] == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] == 1
+    alone = actuator.biastype[0] == mujoco.mjtBias.mjBIAS_NONE
+    return bool(fixed and alone and actuator.dyntype[0] == mujoco.mjtDyn.mjDYN_NONE)
+
+
+def _motor(car: Car, name: str) -> Iterator[Finding]:
+    motor, most = car.of("actuator", name), car.sheet.torque_limit_n_m
+    if not _plainly(motor):
+        yield Finding(
+            "actuator", name, f"actuator {name} is not a <motor>: its torque is not what it is told"
+        )
+    least, largest = motor.ctrlrange if motor.ctrllimited[0] else (-np.inf, np.inf)
+    if motor.forcelimited[0]:
+        least, largest = max(least, motor.forcerange[0]), min(largest, motor.forcerange[1])
+    for what, got in (("forwards", largest), ("backwards", -least)):
+        text = f"the largest torque of {name} {what} N·m"
+        yield from off(car, "actuator", name, text, got, "torque_limit_n_m", SAME * most)
+
+
+def _servo(car: Car, name: str) -> Iterator[Finding]:
+    servo, sheet = car.of("actuator", name), car.sheet
+    fixed = servo.gaintype[0] == mujoco.mjtGain.mjGAIN_FIXED and servo.gainprm[0] > 0
+    if not fixed or servo.biasprm[0] != 0 or not np.isclose(servo.biasprm[1], -servo.gainprm[0]):
+        yield Finding(
+            "actuator", name, f"actuator {name} is not a <position> servo: it does not go where it is told"
+        )
+    turned = np.abs(
+        ackermann(np.array(sheet.steer_limit_rad), np.array(sheet.wheelbase_m), np.array(sheet.track_m))
+    )
+    most = float(turned.max())
+    joint = car.of("joint", name)
+    for what, limited, ends in (
+        (f"the ctrlrange of {name}", servo.ctrllimited[0], servo.ctrlrange),
+        (f"the range of the joint {name}", joint.limited[0], joint.range),
+    ):
+        reach = min(-ends[0], ends[1]) if limited else np.inf
+        if reach < (1 - SAME) * most:
+            yield Finding(
+                "actuator",
+                name,
+                f"{what} reaches {reach:.4g} rad to one side; datasheet.yaml says steer_limit_rad: "
+                f"{sheet.steer_limit_rad:g}, for which the inner wheel turns {most:.4g} rad",
+            )
+
+
+def _sensors(car: Car) -> Iterator[Finding]:
+    model = car.model
+    for name in SENSORS:
+        what, kind, of = _SENSED[name]
+        sensor = car.of("sensor", name)
+        meant = getattr(mujoco.mjtSensor, f"mjSENS_{what.upper()}")
+        there = mujoco.mj_name2id(model, kind, f"{car.name}/{of}")
+        alone = sensor.refid[0] == -1 and sensor.reftype[0] == Kind.mjOBJ_UNKNOWN
+        if (sensor.type[0], sensor.objtype[0], sensor.objid[0]) != (meant, kind, there) or not alone:
+            objtype = {Kind.mjOBJ_SITE: "site", Kind.mjOBJ_XBODY: "xbody", Kind.mjOBJ_JOINT: "joint"}[kind]
+            yield Finding(
+                "sensor",
+                name,
+                f"sensor {name} is expected to be a {what} of the {objtype} {of}, and of no other frame",
+            )
