@@ -1,7 +1,7 @@
 """Does the merge that a paper proves safe survive real cars?
 
 >>> import mjmerge
->>> trace = mjmerge.simulate(mjmerge.load("paper"), plant="double_integrator")
+>>> trace = mjmerge.simulate(mjmerge.load("paper"))
 >>> [verdict.verdict for verdict in mjmerge.judge(trace)]
 ['held']
 """

@@ -100,6 +100,11 @@ class Document:
         else:
             self.problems.append(Problem(message, key, origin))
 
+    @property
+    def given(self) -> dict[str, str]:
+        """Keys that a ``--set`` put there, and its text."""
+        return {key: origin for key, origin in self.origins.items() if isinstance(origin, str)}
+
     def rewrite(self, key: str, origin: int | str) -> None:
         """Say where ``key`` now comes from, and forget where the old value's parts came from."""
         below = f"{key}."

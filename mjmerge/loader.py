@@ -38,7 +38,8 @@ def load(
 
     Args:
         source: a shipped scenario's name, a path, or a mapping of plain values.
-        overrides: ``"law.k_o=0"``, applied in order before anything is checked; values are YAML.
+        overrides: ``"law.k_o=0"``, applied in order before anything is checked; values are YAML. A plant on
+            which one of them is without effect will refuse to run the scenario.
         sheets: data sheet of each car at its size, where they are known already: no model is looked for.
 
     Raises:
@@ -66,7 +67,7 @@ def load(
         document.report(problem.message, problem.key)
     raise_problems(where, document)
     assert scenario is not None, "what is not valid has problems"
-    loaded = scenario.model_copy(update={"models": sections["models"]}).named(name)
+    loaded = scenario.model_copy(update={"models": sections["models"]}).named(name).giving(document.given)
     return loaded if sheets is None else loaded.with_sheets(sheets)
 
 

@@ -135,6 +135,8 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("saturated", ", ".join(busy) or "never")
     grid.add_row("hypotheses", _broken(found["hypotheses"]))
     grid.add_row("decision", _hesitation(found["decision"]))
+    if found.get("no_effect"):
+        grid.add_row("no effect", ", ".join(found["no_effect"]))
     reasons = [found["verdict_reason"], *found.get("verdict_doubts", ())]
     grid.add_row("verdict", f"{found['verdict']}: {'; but '.join(reasons)}")
     if found["runs"] > 1:

@@ -17,6 +17,8 @@ from mjmerge import share
 from mjmerge.acceptance import Acceptance, acceptance
 from mjmerge.bounds import check_runs
 from mjmerge.contract import Verdict, judge
+from mjmerge.effect import check as check_effect
+from mjmerge.effect import told
 from mjmerge.errors import MjmergeError, OutputError
 from mjmerge.loader import car_sheets, dump
 from mjmerge.metrics import events
@@ -114,10 +116,12 @@ def run(
     Raises:
         OutputError: the folder cannot be written, or holds something that would be overwritten.
         ModelError: a car model cannot be built, or not for this plant.
+        ScenarioError: a key that was given beside the scenario's file is without effect here.
         MjmergeError: the plant has no continuous time.
     """
     check(plant, scenario)
     check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
+    check_effect(scenario, plant, continuous=continuous)
     if continuous:
         from mjmerge.continuous import check as check_continuous  # scipy takes its time to import
 
@@ -157,7 +161,7 @@ def run(
         found = summary(trace, verdicts, time.perf_counter() - began)
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
-        found |= _on_cars(_accepted(scenario, plant))
+        found |= _ground(scenario, plant, continuous)
         for receiver in (recording, viewer):
             if receiver is not None:
                 receiver.close(_outcome(trace, verdicts[0], found))
@@ -188,10 +192,12 @@ def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
     return {c.model: {"state": c.state, "failed": c.failed, "versions": dict(c.versions)} for c in cars}
 
 
-def _on_cars(cars: Sequence[Acceptance]) -> dict[str, Any]:
-    """The part of the summary that says what its verdict stands on."""
+def _ground(scenario: Scenario, plant: str, continuous: bool) -> dict[str, Any]:
+    """The part of the summary that says what its verdict stands on: the cars, and what is without effect."""
+    cars, idle = _accepted(scenario, plant), told(scenario, plant, continuous=continuous)
     doubts = [car.sentence for car in cars if car.sentence]
-    return {"verdict_doubts": doubts, "acceptance": _provenance(cars)}
+    doubts += [f"the scenario's {key} is without effect: it {why}" for key, why in idle.items()]
+    return {"verdict_doubts": doubts, "no_effect": list(idle), "acceptance": _provenance(cars)}
 
 
 def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous: bool) -> Header:
@@ -249,7 +255,7 @@ def _record_again(
         )
         (verdict,) = judge(alone)
         found = summary(alone, [verdict], 1.0)
-        found |= _on_cars(_accepted(scenario, trace.plant))
+        found |= _ground(scenario, trace.plant, trace.continuous)
         recording.close(_outcome(alone, verdict, found))
     return recording.failures
 

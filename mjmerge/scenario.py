@@ -7,12 +7,14 @@ default we chose and why.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from mjmerge import drivers as _drivers
+from mjmerge.acts import BODIES, LIMITS, WHEELS, Acts
 from mjmerge.bounds import LONGEST_S, MOST_ROWS
 from mjmerge.datasheet import DataSheet
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
@@ -33,6 +35,17 @@ NonNegative = Annotated[float, Field(ge=0)]
 Need = Literal["barrier", "grip"]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
 Point = Annotated[tuple[Place, Place], Field(strict=False)]
+
+
+def _has(*parts: str) -> Callable[[Any], bool]:
+    """Whether a scenario's law has one of these parts in its variant."""
+    return lambda scenario: not set(parts).isdisjoint(scenario.law.variant.split("+"))
+
+
+_CAPPED = Acts(
+    continuous=True, when=_has("capped", "guarded"), only="under the law variants capped and guarded"
+)
+_FLOORED = Acts(continuous=True, when=_has("z_floor"), only="under the law variant z_floor")
 
 
 class Law(Frozen):
@@ -64,14 +77,14 @@ class Law(Frozen):
     """Offset r^rho of the target behind Vehicle 1, m; negative, because rho points forward."""
     r_eta_m: float
     """Lateral offset r^eta of the target while w = 0, m: where the ego's own lane is."""
-    eps_v_mps: Positive = 0.1
+    eps_v_mps: Annotated[Positive, Acts(on=WHEELS, continuous=True)] = 0.1
     """Speed below which the bicycle inverse uses sign(v_r) eps_v in place of v_r, m/s (sign(0) = +1)."""
-    d_cap_m: Positive = 0.05
+    d_cap_m: Annotated[Positive, _CAPPED] = 0.05
     """Distance below which the variants ``capped`` and ``guarded`` let the barrier grow no further, m.
 
     At 0.05 its gain k_o/d stays below 20/s: stable under a hold of up to 0.1 s or a delay of up to 0.08 s.
     """
-    z_floor: Positive = 1e-3
+    z_floor: Annotated[Positive, _FLOORED] = 1e-3
     """Smallest opinion under the variant ``z_floor``, 1; at 1e-3 the target moves by 4 % of r_eta for it."""
 
 
@@ -124,11 +137,11 @@ class Road(Frozen):
 class Belief(Frozen):
     """What the ego believes of itself where it differs from its model's data sheet; null = data sheet."""
 
-    wheelbase_m: Positive | None = None
+    wheelbase_m: Annotated[Positive | None, Acts(on=WHEELS, continuous=True)] = None
     """Wheelbase L, m."""
-    mass_kg: Positive | None = None
+    mass_kg: Annotated[Positive | None, Acts(on=LIMITS)] = None
     """Mass, m, kg."""
-    wheel_radius_m: Positive | None = None
+    wheel_radius_m: Annotated[Positive | None, Acts(on=LIMITS)] = None
     """Rolling radius, m."""
 
 
@@ -171,7 +184,9 @@ class Scenario(Frozen):
     """Simulated time, s."""
     control_step_s: Annotated[float, Field(gt=0, le=1)] = 0.01
     """Time the law's command is held, s; the paper has none (continuous time)."""
-    physics_step_s: Annotated[float, Field(ge=1e-5, le=0.02)] = 0.001
+    physics_step_s: Annotated[
+        float, Field(ge=1e-5, le=0.02), Acts(on=BODIES, beside="control_step_s")
+    ] = 0.001
     """Time step of the physics, s; the control step is a whole multiple of it."""
     initial: Initial
     law: Law
@@ -181,11 +196,16 @@ class Scenario(Frozen):
     belief: Belief = Belief()
     mismatch: Mismatch = Mismatch()
     expect: Expect = Expect()
-    gate: Annotated[tuple[Check, ...], Field(strict=False, max_length=MOST_ROWS)] = ()
+    gate: Annotated[
+        tuple[Check, ...],
+        Field(strict=False, max_length=MOST_ROWS),
+        Acts(on=(), only="it is read by `mjmerge check` alone"),
+    ] = ()
     """Rows of the regression gate, see ``mjmerge check``."""
 
     _name: str = PrivateAttr(default="scenario")
     _recorded: tuple[Models, tuple[DataSheet, ...]] | None = PrivateAttr(default=None)
+    _given: dict[str, str] = PrivateAttr(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -197,6 +217,24 @@ class Scenario(Frozen):
         copy = self.model_copy()
         copy._name = name
         return copy
+
+    @property
+    def given(self) -> Mapping[str, str]:
+        """Keys that were given beside the file, as in ``--set``, and the text of each. Not compared.
+
+        Where such a key is without effect on a plant, the run is refused, see :mod:`mjmerge.effect`.
+        """
+        return self._given
+
+    def giving(self, given: Mapping[str, str]) -> Scenario:
+        """The same scenario with the memory that these keys were given beside its file."""
+        copy = self.model_copy()
+        copy._given = dict(given)
+        return copy
+
+    def settled(self) -> Scenario:
+        """The same scenario as if all of it stood in its file: to be run on another plant for comparison."""
+        return self.giving({})
 
     @property
     def sheets(self) -> tuple[DataSheet, ...] | None:

@@ -9,6 +9,7 @@ import numpy as np
 from mjmerge.actuation import BelievedCars, actuate, believed_sheets
 from mjmerge.bounds import check_runs
 from mjmerge.drivers import Traffic
+from mjmerge.effect import check as check_effect
 from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
 from mjmerge.loader import car_sheets
 from mjmerge.mismatch import Mismatch
@@ -28,7 +29,7 @@ _PROGRESS_TICKS = 20
 @np.errstate(over="ignore", invalid="ignore")  # what stopped may hold anything, unrecorded
 def simulate(
     scenario: Scenario,
-    plant: str = "double_integrator",
+    plant: str = "mujoco",
     *,
     runs: int = 1,
     seed: int = 0,
@@ -63,10 +64,12 @@ def simulate(
     Raises:
         UnknownNameError: there is no such plant.
         ModelError: a car model lacks what is needed of it.
+        ScenarioError: a key that was given beside the scenario's file, or a case, is without effect here.
         MjmergeError: the plant has no continuous time.
     """
     check(plant, scenario)
-    scenario = scenario.with_sheets(tuple(car_sheets(scenario)))  # as they are now, whatever they become
+    check_effect(scenario, plant, continuous=continuous, mismatches=[m for _, m in cases or ()])
+    scenario = scenario.settled().with_sheets(tuple(car_sheets(scenario)))  # whatever becomes of the models
     if cases is None:
         check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
         cases = [(seed + i, scenario.mismatch) for i in range(runs)]

@@ -105,7 +105,7 @@ def survey(
     found, violated, merged = [], 0, 0
     for batch in range(-(-runs // TOGETHER)):
         scenario = random_scenario(seed + batch, variant)
-        trace = simulate(scenario, runs=TOGETHER, seed=(seed + batch) * TOGETHER)
+        trace = simulate(scenario, "double_integrator", runs=TOGETHER, seed=(seed + batch) * TOGETHER)
         found += decision(trace)
         violated += int((trace.min_distance_m <= 0).any(axis=1).sum())
         merged += int((np.abs(trace.front_m[:, -1, 0, 1]) < 0.1).sum())
