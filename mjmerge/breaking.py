@@ -17,7 +17,7 @@ from mjmerge.errors import MjmergeError, nearest
 from mjmerge.levels import LEVELS
 from mjmerge.mismatch import Mismatch, is_number
 from mjmerge.outcome import FAILED
-from mjmerge.plan import MISMATCH, Batches, Case, planned, size_of
+from mjmerge.plan import MISMATCH, Batches, Case, acts, planned, size_of
 from mjmerge.sweep import measured
 from mjmerge.workers import Workers
 
@@ -106,7 +106,7 @@ class Break:
         return f"between {_number(passes.value, fails.value)} and {_number(fails.value, passes.value)}"
 
 
-def ranged(text: str, source: str, settings: Mapping[str, Any]) -> Range:
+def ranged(text: str, source: str, settings: Mapping[str, Any], plant: str = "mujoco") -> Range:
     """The range of an axis, given as ``mismatch.friction`` or ``mismatch.friction=1:0.1``.
 
     Without numbers it goes from the scenario's value to the bound of the axis, in the direction in which it
@@ -116,9 +116,10 @@ def ranged(text: str, source: str, settings: Mapping[str, Any]) -> Range:
         text: the axis as on the command line.
         source: the scenario's name or path.
         settings: its keys that differ.
+        plant: what moves the cars.
 
     Raises:
-        MjmergeError: it is no axis with numbers, or needs them.
+        MjmergeError: it is no axis with numbers, needs them, or is without effect on the plant.
     """
     key, given, numbers = text.partition("=")
     key = key.strip()
@@ -126,7 +127,7 @@ def ranged(text: str, source: str, settings: Mapping[str, Any]) -> Range:
     if key.startswith(MISMATCH) and (name not in Mismatch.model_fields or not is_number(name)):
         axes = [MISMATCH + n for n in Mismatch.model_fields if is_number(n)]
         raise MjmergeError(f"--break {text}: no axis of numbers called {key!r}; {nearest(key, axes)}")
-    case = Batches().case(source, "double_integrator", settings)
+    case = Batches().case(source, plant, settings, lenient=True)
     here = case.value(key)
     if given:
         try:
@@ -202,11 +203,12 @@ def search(
         values = np.linspace(across.start, across.end, FRONTIER).tolist()
         lines = [(axes[0], value, {**settings, across.key: value}) for value in values]
     batches = Batches()
+    check(source, plant, axes, settings, across=across, until=until)
     tried: list[list[Tried]] = [[] for _ in lines]
 
     def evaluate(wanted: Sequence[Sequence[float]]) -> None:
         cases = [
-            batches.case(source, plant, {**fixed, axis.key: value}, seed=seed)
+            batches.case(source, plant, {**fixed, axis.key: value}, seed=seed, lenient=True)
             for (axis, _, fixed), values in zip(lines, wanted, strict=True)
             for value in values
             for seed in seeds
@@ -233,6 +235,45 @@ def search(
         evaluate(wanted)
         wanted = [_within(found) for found in results()]
     return results()
+
+
+def check(
+    source: str,
+    plant: str,
+    axes: Sequence[Range],
+    settings: Mapping[str, Any],
+    *,
+    across: Range | None = None,
+    until: Until = "unsafe",
+) -> None:
+    """Refuses a search along an axis, or with a setting, that is without effect wherever it would run.
+
+    Args as those of :func:`search`.
+
+    Raises:
+        MjmergeError: with every such key, and where it does act.
+    """
+    batches, vain, used = Batches(), dict[str, str](), set[str]()
+    beside = (
+        [settings] if across is None else [{**settings, across.key: x} for x in (across.start, across.end)]
+    )
+    for axis in axes:
+        for keys in beside:
+            for value in (axis.start, axis.end):
+                case = batches.case(source, plant, {**keys, axis.key: value}, lenient=True)
+                vain |= case.idle
+                used |= {key for key in (axis.key, *keys) if acts(case, key)}
+    searched = {axis.key for axis in (*axes, *([across] if across else []))}
+    if until == "unsafe":
+        vain |= {key: "acts with --until floor only" for key in searched if key.startswith("expect.")}
+        used -= {key for key in searched if key.startswith("expect.")}
+    wrong = [
+        f"{'--break' if key in searched else '--set'} {key}: {why}"
+        for key, why in vain.items()
+        if key not in used
+    ]
+    if wrong:
+        raise MjmergeError("\n".join(wrong))
 
 
 def margin(row: Mapping[str, Any]) -> float:

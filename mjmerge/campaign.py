@@ -19,6 +19,7 @@ from pydantic import Field
 from mjmerge import share
 from mjmerge.bounds import MOST_RUNS
 from mjmerge.document import Document, copied
+from mjmerge.effect import covers
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError, nearest
 from mjmerge.extent import no_range, too_much
 from mjmerge.frozen import Frozen
@@ -32,7 +33,9 @@ from mjmerge.plan import (
     Batches,
     Case,
     Plan,
+    acts,
     as_overrides,
+    in_vain,
     is_mismatch,
     mismatch_of,
     planned,
@@ -103,19 +106,28 @@ class Campaign(Frozen):
 
 
 class Setting(NamedTuple):
-    """A scenario key that has another value, and where the campaign says so."""
+    """A scenario key that has another value, where the campaign says so, and the axis that is part of."""
 
     key: str
     value: Any
     at: str
+    axis: str
 
 
 class Point(NamedTuple):
-    """Some settings under a name; ``draw`` counts the random ones."""
+    """Some settings under a name; ``draw`` counts the random ones, ``level`` is the axis of a level."""
 
     name: str
     settings: tuple[Setting, ...]
     draw: int = 0
+    level: str = ""
+
+
+class _Use(NamedTuple):
+    """What became of an axis on one plant: where it was in vain, why, and whether it ever acted."""
+
+    vain: dict[str, str]
+    acted: list[bool]
 
 
 def plan(source: Source) -> Plan:
@@ -142,10 +154,14 @@ def plan(source: Source) -> Plan:
     raise_problems(where, document)
     cases: list[Case] = []
     batches = Batches()
+    left_out: dict[str, dict[str, None]] = {}
     for i, block in enumerate(campaign.blocks):
-        cases += _Block(block, f"blocks.{i}", near, document, batches).cases(MOST_RUNS - len(cases))
+        listing = _Block(block, f"blocks.{i}", near, document, batches)
+        cases += listing.cases(MOST_RUNS - len(cases))
+        for why, axis in listing.left_out:
+            left_out.setdefault(why, {})[axis] = None
     raise_problems(where, document)
-    return planned(name, campaign.description, cases)
+    return planned(name, campaign.description, cases, {why: tuple(axes) for why, axes in left_out.items()})
 
 
 class _Block:
@@ -156,17 +172,26 @@ class _Block:
     ) -> None:
         self._block, self._at, self._near, self._document = block, at, near, document
         self._batches = batches
+        self._uses: dict[tuple[str, str, str], _Use] = {}
+        self.left_out: list[tuple[str, str]] = []
 
     def cases(self, most: int) -> Iterator[Case]:
-        """Every run, as far as it is valid."""
+        """Every run, as far as it is valid; an axis that acts in none of them is a mistake."""
+        yield from self._cases(most)
+        for use in self._uses.values():
+            if not any(use.acted):
+                for at, why in use.vain.items():
+                    self._document.report(why, at)
+
+    def _cases(self, most: int) -> Iterator[Case]:
         block = self._block
         for i, name in enumerate(block.plants):
             if name not in PLANTS:
                 self._report(f"no plant called {name!r}: {nearest(name, PLANTS)}", f"plants.{i}")
         plants = [name for name in block.plants if name in PLANTS]
-        shared = tuple(Setting(k, v, self._below(f"set.{k}")) for k, v in block.set.items())
+        shared = tuple(_setting(k, v, self._below(f"set.{k}")) for k, v in block.set.items())
         variants: list[tuple[Setting, ...]] = [
-            (Setting(VARIANT, v, self._below(f"variants.{i}")),) for i, v in enumerate(block.variants)
+            (_setting(VARIANT, v, self._below(f"variants.{i}")),) for i, v in enumerate(block.variants)
         ] or [()]
         for i, name in enumerate(block.scenarios):
             where = f"scenarios.{i}"
@@ -179,7 +204,7 @@ class _Block:
                 continue
             for plant, variant, point in product(plants, variants, points):
                 settings = {s.key: s for s in (*shared, *variant, *point.settings)}
-                found = self._case(source, plant, point.name, list(settings.values()), where)
+                found = self._case(source, plant, point, list(settings.values()), where)
                 if found is not None:
                     first = block.first_seed + point.draw * block.seeds
                     yield from (replace(found, seed=first + k) for k in range(block.seeds))
@@ -194,9 +219,9 @@ class _Block:
         return name if name in share.scenarios() else str(path)
 
     def _case(
-        self, source: str, plant: str, point: str, settings: Sequence[Setting], where: str
+        self, source: str, plant: str, point: Point, settings: Sequence[Setting], where: str
     ) -> Case | None:
-        """One run with seed 0; ``None`` where it cannot be."""
+        """One run with seed 0, without the settings that are in vain; ``None`` where it cannot be."""
         other = [s for s in settings if not is_mismatch(s.key)]
         mine = [s for s in settings if is_mismatch(s.key)]
         batch = None
@@ -213,7 +238,25 @@ class _Block:
             self._blame(replace(problem, key=MISMATCH + problem.key), mine, source, where)
         if batch is None or mismatch is None:
             return None
-        return Case(batch, point, 0, mismatch, as_overrides({s.key: s.value for s in mine}))
+        found = Case(batch, point.name, 0, mismatch, as_overrides({s.key: s.value for s in mine}))
+        idle = in_vain(batch, mismatch, [s.key for s in settings])
+        if MISMATCH + point.level in idle:
+            self.left_out.append((idle[MISMATCH + point.level], point.level))
+            return None
+        self._note(found, settings, idle)
+        rest = [s for s in settings if s.key not in idle]
+        return found if len(rest) == len(settings) else self._case(source, plant, point, rest, where)
+
+    def _note(self, case: Case, settings: Sequence[Setting], idle: Mapping[str, str]) -> None:
+        """Remember which axes act in a run, and which are in vain."""
+        for s in settings:
+            hit = {key: text for key, text in idle.items() if covers(s.key, key)}
+            why = [text if key == s.key else f"{key}: {text}" for key, text in hit.items()]
+            use = self._uses.setdefault((case.batch.source, case.batch.plant, s.axis), _Use({}, []))
+            if why:
+                use.vain.setdefault(s.at, "; ".join(dict.fromkeys(why)))
+            elif acts(case, s.key):
+                use.acted.append(True)
 
     def _blame(self, problem: Problem, settings: Sequence[Setting], source: str, where: str) -> None:
         """Report a scenario's problem where the campaign causes it."""
@@ -240,11 +283,11 @@ class _Block:
             yield Point(NONE, ())
         for name, keys in block.mismatches.items():
             at = self._below(f"mismatches.{name}")
-            yield Point(name, tuple(Setting(k, v, f"{at}.{k}") for k, v in keys.items()))
+            yield Point(name, tuple(_setting(k, v, f"{at}.{k}") for k, v in keys.items()))
         yield from self._levels(source, where)
         if block.grid:
             columns = [
-                [Setting(k, v, self._below(f"grid.{k}.{i}")) for i, v in enumerate(values)]
+                [Setting(k, v, self._below(f"grid.{k}.{i}"), f"grid.{k}") for i, v in enumerate(values)]
                 for k, values in block.grid.items()
             ]
             yield from (Point(GRID, settings) for settings in product(*columns))
@@ -266,7 +309,8 @@ class _Block:
         for axis, values in LEVELS[size_of(scenario)].items():
             for name in names:
                 keys = values[LEVEL_NAMES.index(name)]
-                yield Point(f"{axis} {name}", tuple(Setting(MISMATCH + k, v, where) for k, v in keys.items()))
+                settings = tuple(_setting(MISMATCH + k, v, where) for k, v in keys.items())
+                yield Point(f"{axis} {name}", settings, level=axis)
 
     def _drawn(self, random: Random) -> Iterator[Point]:
         at = {key: self._below(f"random.axes.{key}") for key in random.axes}
@@ -279,7 +323,12 @@ class _Block:
                 draws[key] = axis
         for i in range(random.draws):
             rng = np.random.default_rng([random.seed, i])  # a draw does not depend on how many there are
-            yield Point(RANDOM, tuple(Setting(k, _draw(a, rng), at[k]) for k, a in draws.items()), i)
+            yield Point(RANDOM, tuple(_setting(k, _draw(a, rng), at[k]) for k, a in draws.items()), i)
+
+
+def _setting(key: str, value: Any, at: str) -> Setting:
+    """A setting that is an axis of its own."""
+    return Setting(key, value, at, f"{at} {key}")
 
 
 def _draw(axis: Axis, rng: np.random.Generator) -> Any:

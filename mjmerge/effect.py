@@ -1,8 +1,8 @@
 """What of a scenario is without effect on a plant, so that nothing is in silence.
 
-A value that somebody gives for one run (on the command line, in Python, in a row of the gate, along an axis of
-a campaign) and that can change nothing there is a mistake, and refused. What stands in a scenario's own file
-belongs to all its runs, on any plant: there it is said beside the verdict.
+A value that somebody gives for one run (on the command line, in Python, in a row of the gate, along an axis
+of a campaign) and that can change nothing there is a mistake, and refused. What stands in a scenario's own
+file belongs to all its runs, on any plant: there it is said beside the verdict.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import Scenario
 
 CLAIMS = ("mismatch.", "belief.")
-"""Sections that say how the truth differs from what is believed: without effect, they are not true of a run."""
+"""Sections that say how the truth differs from what is believed; not true of a run that they leave alone."""
 
 
 class _Key(NamedTuple):
@@ -51,9 +51,14 @@ def _below(model: type[Frozen], above: tuple[str, ...]) -> Iterator[_Key]:
             yield from _below(field.annotation, parts)
 
 
-def where() -> dict[str, Acts]:
+def declared() -> dict[str, Acts]:
     """Every key that does not act everywhere, and where it does."""
     return {key.name: key.acts for key in _keys()}
+
+
+def defaults() -> dict[str, Any]:
+    """What each of these keys is where nobody gives it a value."""
+    return {key.name: key.default for key in _keys()}
 
 
 def without(scenario: Scenario, plant: str, *, continuous: bool = False) -> dict[str, str]:

@@ -18,9 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from mjmerge import share
+from mjmerge.acts import BODIES, listed
 from mjmerge.contract import Verdict, challenged, judge
+from mjmerge.effect import acting, covers, given_in_vain
 from mjmerge.errors import MjmergeError, UnknownNameError
-from mjmerge.loader import load
+from mjmerge.loader import load, raise_problems, read
 from mjmerge.mismatch import column
 from mjmerge.outputs import cannot_write, put
 from mjmerge.plant import check as check_plant
@@ -122,15 +124,35 @@ def rows(places: Sequence[Path]) -> list[Row]:
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise MjmergeError(f"{file}: gate: two rows are called {twice!r}")
-        for check in scenario.gate:
-            row = Row(file, check, load(file, check.set))
-            check_plant(check.plant, row.scenario)
-            found.append(row)
+        these = [Row(file, check, load(file, check.set)) for check in scenario.gate]
+        for row in these:
+            check_plant(row.check.plant, row.scenario)
+        _refuse_what_is_in_vain(file, these)
+        found += these
     if not found:
         raise MjmergeError(
             f"no scenario in {', '.join(map(str, places))} has a gate, a list of rows to check"
         )
     return found
+
+
+def _refuse_what_is_in_vain(file: Path, these: Sequence[Row]) -> None:
+    """Raises ScenarioError if a row sets, or needs, what is without effect on its plant."""
+    document = read(file)
+    for i, row in enumerate(these):
+        plant, keys = row.check.plant, [text.partition("=")[0].strip() for text in row.check.set]
+        vain = given_in_vain(row.scenario, plant, keys)
+        for k, key in enumerate(keys):
+            at, floor = f"gate.{i}.set.{k}", covers("expect", key)
+            for name, why in vain.items():
+                if covers(key, name):
+                    document.report(f"row {row.check.name!r}: {name} {why}", at)
+            if floor:
+                document.report(f"row {row.check.name!r}: {key}: the floor of a row is its at_least_m", at)
+        if "grip" in row.check.needs and plant not in BODIES:
+            there = f"there is a road with grip on {listed(BODIES)} only, not on {plant}"
+            document.report(f"row {row.check.name!r} needs grip: {there}", f"gate.{i}.needs")
+    raise_problems(file, document)
 
 
 def run(
@@ -153,9 +175,8 @@ def run(
         batch = list(group)
         known = read_baseline(baseline_file(file, baselines))
         scenario = batch[0].scenario
-        trace = simulate(
-            scenario, plant, cases=[(0, row.scenario.mismatch) for row in batch], threads=threads
-        )
+        cases = [(0, acting(row.scenario, plant).mismatch) for row in batch]
+        trace = simulate(scenario.settled(), plant, cases=cases, threads=threads)
         found = zip(
             batch, judge(trace), _measured(trace), _rate_defect(trace), _untested(trace, batch), strict=True
         )

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mjmerge.effect import told
+from mjmerge.errors import MjmergeError
 from mjmerge.figures import COLOURS, LINE, save, save_rows, sheet
 from mjmerge.mismatch import Mismatch
 from mjmerge.outputs import put
-from mjmerge.plan import MISMATCH, Batches, Case, planned, size_of
+from mjmerge.plan import MISMATCH, Batches, Case, acts, planned, size_of
 from mjmerge.scenario import Scenario
 from mjmerge.sweep import measured
 from mjmerge.workers import Progress, Workers
@@ -40,6 +42,7 @@ class Rung:
         case: the run.
         row: what came of it, a row as in :mod:`mjmerge.outcome`.
         cost_m: minimum distance lost since the rung before, m; ``None`` where either is unknown.
+        idle: keys that were set, or stand in the scenario, and are without effect on it, and why.
     """
 
     name: str
@@ -47,6 +50,7 @@ class Rung:
     case: Case
     row: Mapping[str, Any]
     cost_m: float | None
+    idle: Mapping[str, str]
 
     @property
     def command(self) -> str:
@@ -92,8 +96,8 @@ def climb(
         MjmergeError: the scenario is not valid, or a rung has no cars of its size.
     """
     batches = Batches()
-    scenario = batches.case(source, "double_integrator", settings).batch.scenario
-    mine = batches.case(source, "double_integrator", settings).mismatch
+    whole = batches.case(source, "mujoco", settings, lenient=True)
+    scenario, mine = whole.batch.scenario, whole.mismatch
     delay_s, nominal = mine.command_delay_s, mine.command_delay_s == 0
     if nominal:
         full = size_of(scenario) == "full"
@@ -115,16 +119,45 @@ def climb(
         keys = {MISMATCH + k: v for k, v in own.items()} | {MISMATCH + "command_delay_s": delay_s}
         steps.append((f"its own: {', '.join(sorted(own))}", "mujoco", False, keys))
     cases = [
-        batches.case(source, plant, {**settings, **keys}, seed=seed, point=name, continuous=continuous)
+        batches.case(
+            source,
+            plant,
+            {**settings, **keys},
+            seed=seed,
+            point=name,
+            continuous=continuous,
+            lenient=True,
+        )
         for name, (_, plant, continuous, keys) in zip(RUNGS, steps, strict=False)
     ]
+    _refuse_what_is_in_vain(cases, whole, settings)
     rows = measured(planned("ladder", "", cases), team, progress).to_pylist()
     rungs: list[Rung] = []
     for (adds, *_), case, row in zip(steps, cases, rows, strict=True):
         now, before = row["min_distance_m"], rungs[-1].row["min_distance_m"] if rungs else None
         cost = None if now is None or before is None else before - now
-        rungs.append(Rung(case.point, adds, case, row, cost))
+        rungs.append(Rung(case.point, adds, case, row, cost, {**case.idle, **_own_idle(case)}))
     return Ladder(scenario, delay_s, nominal, tuple(rungs))
+
+
+def _refuse_what_is_in_vain(cases: Sequence[Case], whole: Case, settings: Mapping[str, Any]) -> None:
+    """Raises MjmergeError if something that is set is without effect on every rung."""
+    vain: dict[str, str] = {}
+    for case in (*cases, whole):
+        vain |= case.idle
+    wrong = [
+        f"--set {key}: on no rung, because it {why}"
+        for key, why in vain.items()
+        if key in settings and not any(acts(case, key) for case in cases)
+    ]
+    if wrong:
+        raise MjmergeError("\n".join(wrong))
+
+
+def _own_idle(case: Case) -> dict[str, str]:
+    """What the scenario itself says and is without effect on a rung."""
+    scenario = case.batch.scenario.model_copy(update={"mismatch": case.mismatch})
+    return told(scenario, case.batch.plant, continuous=case.batch.continuous)
 
 
 def write(ladder: Ladder, folder: Path) -> None:
@@ -151,6 +184,7 @@ def as_json(ladder: Ladder) -> dict[str, Any]:
                     k: rung.row[k]
                     for k in ("min_distance_m", "min_d_1_m", "min_d_2_m", "verdict", "floor_held")
                 },
+                "no_effect": list(rung.idle),
                 "command": rung.command,
             }
             for rung in ladder.rungs
@@ -174,9 +208,19 @@ def markdown(ladder: Ladder) -> str:
         lines.append(
             f"| {rung.name} | {rung.adds} | {' | '.join(numbers)} | {_cost(rung)} | {row['verdict']} |"
         )
-    lines += ["", "![The ladder](ladder.png)", ""]
+    idle = idle_lines(ladder)
+    lines += ["", *idle, *([""] if idle else []), "![The ladder](ladder.png)", ""]
     lines += [line for rung in ladder.rungs for line in (f"    {rung.command}",)]
     return "\n".join(lines) + "\n"
+
+
+def idle_lines(ladder: Ladder) -> list[str]:
+    """What is without effect on which rungs, a line per key."""
+    rungs: dict[str, list[str]] = {}
+    for rung in ladder.rungs:
+        for key in rung.idle:
+            rungs.setdefault(key, []).append(rung.name)
+    return [f"{key} is without effect on: {', '.join(names)}." for key, names in rungs.items()]
 
 
 def rich_table(ladder: Ladder) -> Table:

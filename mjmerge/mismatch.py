@@ -77,7 +77,9 @@ class Mismatch(Frozen):
     # the road
     friction: Annotated[Friction, _BODIES] = 1.0
     """Coulomb friction between all tyres and the road, 1. Dry asphalt 0.9, wet 0.5, snow 0.3, ice 0.1."""
-    left_friction: Annotated[Friction | None, Acts(on=BODIES, when=_sides_differ, only="where it differs from mismatch.friction")] = None
+    left_friction: Annotated[
+        Friction | None, Acts(on=BODIES, when=_sides_differ, only="where it differs from mismatch.friction")
+    ] = None
     """The same under the left wheels of all cars, 1; null: as under the right ones."""
     patch_friction: Annotated[Friction | None, _PATCH] = None
     """The same on a patch across the whole road, 1; null: there is none."""
@@ -153,9 +155,17 @@ class Mismatch(Frozen):
     """Probability that a neighbour is not seen in a control tick, 1; its last velocity carries it on."""
     neighbour_velocity_window_s: Annotated[Delay, _EVERY] = 0.0
     """Neighbours' velocities are differences of their measured positions over this long, s; 0: measured."""
-    leader_acceleration: Annotated[Literal["known", "unknown"], Acts(when=_listens, only="under law variants without no_u1")] = "known"
+    leader_acceleration: Annotated[
+        Literal["known", "unknown"], Acts(when=_listens, only="under law variants without no_u1")
+    ] = "known"
     """Whether Vehicle 1 tells the ego what acceleration it intends."""
-    leader_acceleration_delay_s: Annotated[Delay, Acts(when=_told, only="while mismatch.leader_acceleration is known, and under law variants without no_u1")] = 0.0
+    leader_acceleration_delay_s: Annotated[
+        Delay,
+        Acts(
+            when=_told,
+            only="while mismatch.leader_acceleration is known, and under law variants without no_u1",
+        ),
+    ] = 0.0
     """How late it does, s."""
 
 

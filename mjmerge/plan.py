@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from mjmerge.checks import check
 from mjmerge.document import Document, parse, scalar
-from mjmerge.errors import Problem
+from mjmerge.effect import covers, defaults, given_in_vain
+from mjmerge.errors import Problem, ScenarioError
 from mjmerge.loader import data_sheet, load, raise_problems, validated
 from mjmerge.mismatch import Mismatch
 from mjmerge.plant import check as check_plant
@@ -52,6 +53,7 @@ class Case:
         seed: its seed.
         mismatch: how the truth differs from what the law is told.
         differs: keys of that which differ from the file, as ``--set`` takes them.
+        idle: keys that were to differ and are left out, because here they are without effect, and why.
     """
 
     batch: Batch
@@ -59,6 +61,7 @@ class Case:
     seed: int
     mismatch: Mismatch
     differs: tuple[str, ...]
+    idle: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def overrides(self) -> tuple[str, ...]:
@@ -93,18 +96,26 @@ class Plan:
         description: what it is for, in a line.
         axes: scenario keys that some run sets, in the order they come up.
         cases: every run.
+        left_out: why, and axes of ``levels`` that were left out for it.
     """
 
     name: str
     description: str
     axes: tuple[str, ...]
     cases: tuple[Case, ...]
+    left_out: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
-def planned(name: str, description: str, cases: Sequence[Case]) -> Plan:
+def planned(
+    name: str,
+    description: str,
+    cases: Sequence[Case],
+    left_out: Mapping[str, tuple[str, ...]] | None = None,
+) -> Plan:
     """A plan of these runs."""
     keys = dict.fromkeys(text.partition("=")[0] for case in cases for text in case.overrides)
-    return Plan(name, description, tuple(key for key in keys if key != VARIANT), tuple(cases))
+    axes = tuple(key for key in keys if key != VARIANT)
+    return Plan(name, description, axes, tuple(cases), left_out or {})
 
 
 class Batches:
@@ -121,7 +132,7 @@ class Batches:
         """
         key = (source, plant, overrides, continuous)
         if key not in self._found:
-            scenario = load(source, overrides)
+            scenario = load(source, overrides).settled()  # what is without effect is told case by case
             check_plant(plant, scenario)
             self._found[key] = Batch(scenario, source, plant, overrides, continuous)
         return self._found[key]
@@ -135,6 +146,7 @@ class Batches:
         seed: int = 0,
         point: str = NONE,
         continuous: bool = False,
+        lenient: bool = False,
     ) -> Case:
         """One run.
 
@@ -145,6 +157,7 @@ class Batches:
             seed: its seed.
             point: name of what differs.
             continuous: whether in continuous time.
+            lenient: whether settings without effect are left out of the run, instead of refused.
 
         Raises:
             MjmergeError: it cannot be; with every problem found.
@@ -157,7 +170,33 @@ class Batches:
         document.problems = [replace(p, key=MISMATCH + p.key) for p in document.problems]
         raise_problems(source, document)
         assert mismatch is not None, "what is not valid has problems"
+        idle = in_vain(batch, mismatch, settings)
+        if idle and lenient and idle.keys() <= settings.keys():
+            rest = {k: v for k, v in settings.items() if k not in idle}
+            kept = self.case(source, plant, rest, seed=seed, point=point, continuous=continuous)
+            return replace(kept, idle=idle)
+        if idle:
+            raise ScenarioError(
+                source, [Problem(why, k, source=_set(k, settings)) for k, why in idle.items()]
+            )
         return Case(batch, point, seed, mismatch, as_overrides(mine))
+
+
+def in_vain(batch: Batch, mismatch: Mismatch, keys: Collection[str]) -> dict[str, str]:
+    """Of the keys that a run sets, those that are without effect in it, and why."""
+    scenario = batch.scenario.model_copy(update={"mismatch": mismatch})
+    return given_in_vain(scenario, batch.plant, keys, continuous=batch.continuous)
+
+
+def acts(case: Case, key: str) -> bool:
+    """Whether a key has another value than its default in a run, and is not left out of it."""
+    return key not in case.idle and case.value(key) != defaults().get(key)
+
+
+def _set(key: str, settings: Mapping[str, Any]) -> str:
+    """The setting that a key comes from, as on the command line."""
+    name = max((name for name in settings if covers(name, key)), key=len)
+    return f"--set {name}={written(settings[name])}"
 
 
 def is_mismatch(key: str) -> bool:

@@ -184,9 +184,9 @@ class Scenario(Frozen):
     """Simulated time, s."""
     control_step_s: Annotated[float, Field(gt=0, le=1)] = 0.01
     """Time the law's command is held, s; the paper has none (continuous time)."""
-    physics_step_s: Annotated[
-        float, Field(ge=1e-5, le=0.02), Acts(on=BODIES, beside="control_step_s")
-    ] = 0.001
+    physics_step_s: Annotated[float, Field(ge=1e-5, le=0.02), Acts(on=BODIES, beside="control_step_s")] = (
+        0.001
+    )
     """Time step of the physics, s; the control step is a whole multiple of it."""
     initial: Initial
     law: Law

@@ -83,6 +83,8 @@ class Sweep:
         folder = self.out or Path("sweeps") / planned.name
         with runs_bar(len(planned.cases)) as progress:
             found = sweep(planned, folder, processes=self._processes(), progress=progress)
+        for why, axes in planned.left_out.items():
+            print(f"mjmerge: left out of the levels: {', '.join(axes)} ({why})", file=sys.stderr)
         sweep_report.write(planned, found, folder)
         summary = sweep_report.summary(planned, found)
         if self.json:
@@ -120,6 +122,8 @@ class Sweep:
             console = Console(highlight=False)
             console.print(f"[bold]{found.scenario.name}[/], rung by rung")
             console.print(ladder.rich_table(found))
+            for line in ladder.idle_lines(found):
+                console.print(line, markup=False)
             console.print(f"plot and table:  [bold]{folder}[/]", soft_wrap=True)
         return 3 if any(rung.row["stopped"] for rung in found.rungs) else 0
 
@@ -136,8 +140,9 @@ class Sweep:
         pairs = [text.split(",") for text in self.break_]
         if any(len(pair) > 2 for pair in pairs) or (len(pairs) > 1 and any(len(pair) == 2 for pair in pairs)):
             raise MjmergeError("--break takes axes one by one, or once two of them: --break AXIS,OTHER")
-        axes = [breaking.ranged(pair[0], self.what, settings) for pair in pairs]
-        across = breaking.ranged(pairs[0][1], self.what, settings) if len(pairs[0]) == 2 else None
+        axes = [breaking.ranged(pair[0], self.what, settings, self.plant) for pair in pairs]
+        across = breaking.ranged(pairs[0][1], self.what, settings, self.plant) if len(pairs[0]) == 2 else None
+        breaking.check(self.what, self.plant, axes, settings, across=across, until=self.until)
         name = load(self.what).name
         folder = self.out or Path("breaking") / name
         prepare(folder, self.out is None, breaking_report.FILES)

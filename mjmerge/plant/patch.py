@@ -27,5 +27,5 @@ class Patch:
 
     def friction(self, along_m: Array, elsewhere: Array) -> Array:
         """Under wheels that are so far along the road, m, (N, C, 4); elsewhere it is as given, 1."""
-        on = (along_m >= self._start_m) & (along_m <= self._end_m)
+        on = (along_m >= self._start_m) & (along_m < self._end_m)  # none of no length
         return np.where(on, self._friction, elsewhere)

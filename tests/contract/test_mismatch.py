@@ -201,7 +201,7 @@ def test_a_limited_bicycle_does_no_more_than_its_car_can():
 
 
 def test_a_limited_bicycle_that_thinks_itself_lighter_is_slower():
-    s = load("paper", ["duration_s=1", "belief.mass_kg=3.0"])
+    s = load("paper", ["duration_s=1", "belief.mass_kg=3.0"]).settled()
     plain, limited = (simulate(s, p) for p in ("bicycle", "bicycle_limited"))
     apart = np.abs(plain.front_m - limited.front_m)[0, :, 0].max()
     assert apart > 1e-3

@@ -29,7 +29,7 @@ def at(trace, time_s):
 @pytest.fixture(scope="module")
 def paper():
     """The paper's run in its own world."""
-    return simulate(load("paper"))
+    return simulate(load("paper"), "double_integrator")
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_with_the_barrier_both_distances_stay_positive(paper):
 
 
 def test_without_the_barrier_the_ego_comes_too_close_to_vehicle_2_between_5_and_10_s():
-    trace = simulate(load("paper", ["law.k_o=0", "duration_s=12"]))
+    trace = simulate(load("paper", ["law.k_o=0", "duration_s=12"]), "double_integrator")
     d_2 = trace.distance_m[0, :, 1]
     inside = trace.time_s[d_2 < 0]
     assert 5 < inside.min() < inside.max() < 10
@@ -81,7 +81,7 @@ def test_the_kinematic_bicycle_is_the_double_integrator_up_to_the_hold(paper):
     """0.5 mm at 10 ms over the whole run, first order in the control step."""
     apart = np.abs(simulate(load("paper"), "bicycle").front_m - paper.front_m).max()
     half = load("paper", ["control_step_s=0.005", "duration_s=12"])
-    finer = np.abs(simulate(half, "bicycle").front_m - simulate(half).front_m).max()
+    finer = np.abs(simulate(half, "bicycle").front_m - simulate(half, "double_integrator").front_m).max()
     assert apart < 1e-3
     assert finer == pytest.approx(apart / 2, rel=0.1)
 
@@ -252,7 +252,9 @@ def same_rows(sink, trace, rows):
 @pytest.mark.parametrize("runs", [1, 2])
 def test_a_sink_gets_exactly_the_first_runs_rows_in_blocks(runs, short_world):
     sink = Kept()
-    trace = simulate(load("paper", ["duration_s=12"]), runs=runs, sink=sink, world=short_world)
+    trace = simulate(
+        load("paper", ["duration_s=12"]), "double_integrator", runs=runs, sink=sink, world=short_world
+    )
     same_rows(sink, trace, 1201)
     assert [len(b[0]) for b in sink.blocks] == [round(BLOCK_S / 0.01)] * 24 + [1]
     assert [b[3].shape for b in sink.blocks] == [(len(b[0]), short_world.model.nq) for b in sink.blocks]
@@ -262,7 +264,9 @@ def test_a_sink_gets_exactly_the_first_runs_rows_in_blocks(runs, short_world):
 def test_a_sink_gets_every_row_of_a_run_that_ends_early(runs, short_world, monkeypatch):
     broken(monkeypatch, "double_integrator", set_to(np.nan), at_step=700, run=0)
     sink = Kept()
-    trace = simulate(load("paper", ["duration_s=12"]), runs=runs, sink=sink, world=short_world)
+    trace = simulate(
+        load("paper", ["duration_s=12"]), "double_integrator", runs=runs, sink=sink, world=short_world
+    )
     assert trace.stops[0].time_s == pytest.approx(7.0)
     same_rows(sink, trace, 700)
 
@@ -270,7 +274,9 @@ def test_a_sink_gets_every_row_of_a_run_that_ends_early(runs, short_world, monke
 def test_a_sink_is_not_told_of_other_runs_failures(short_world, monkeypatch):
     broken(monkeypatch, "double_integrator", set_to(np.nan), at_step=50, run=1)
     sink = Kept()
-    trace = simulate(load("paper", ["duration_s=2"]), runs=2, sink=sink, world=short_world)
+    trace = simulate(
+        load("paper", ["duration_s=2"]), "double_integrator", runs=2, sink=sink, world=short_world
+    )
     assert [s.run for s in trace.stops] == [1]
     same_rows(sink, trace, 201)
 
@@ -285,7 +291,7 @@ def test_watching_a_run_does_not_change_it(short_world):
 
 def test_progress_tells_simulated_time_in_order():
     told = []
-    simulate(load("paper", ["duration_s=2"]), progress=told.append)
+    simulate(load("paper", ["duration_s=2"]), "double_integrator", progress=told.append)
     assert told == sorted(told)
     assert told[0] == 0
     assert 1.5 < told[-1] <= 2
@@ -324,12 +330,3 @@ def test_the_law_and_the_actuation_cannot_see_the_truth(truth):
     for name in COMMANDS:
         assert getattr(plain, name)[:, 0].tobytes() == getattr(other, name)[:, 0].tobytes(), name
     assert plain.front_m.tobytes() != other.front_m.tobytes()
-
-
-@pytest.mark.parametrize("plant", ["double_integrator", "bicycle", "bicycle_limited"])
-def test_plants_without_bodies_know_no_road_no_air_and_no_load(plant):
-    plain, other = (
-        simulate(load("charge", ["duration_s=0.5", *t]), plant)
-        for t in ([], ["mismatch.friction=0.2", "mismatch.side_wind_n=9", "mismatch.load_kg=2"])
-    )
-    assert plain.front_m.tobytes() == other.front_m.tobytes()

@@ -64,7 +64,7 @@ CASES = [
 def test_it_is_the_solution_of_the_papers_equations(scenario, seed):
     flips = flip_times(scenario, seed) if scenario.drivers.vehicle_2.kind == "flips" else ()
     ego_m, second_m, z = solve(scenario, flips, step_s=2e-3)
-    trace = simulate(scenario, seed=seed, continuous=True)
+    trace = simulate(scenario, "double_integrator", seed=seed, continuous=True)
     assert not trace.stops
     front = trace.front_m[0]
     assert np.abs(front[:, 0] - front[:, 1] - ego_m).max() < 2e-7  # the reference steps over kinks of flips
@@ -98,8 +98,8 @@ def test_every_column_is_there():
 
 def test_a_run_is_the_same_bits_alone_and_among_others():
     scenario = load("flips", ["duration_s=3"])
-    together = simulate(scenario, runs=3, seed=5, continuous=True)
-    alone = simulate(scenario, seed=7, continuous=True)
+    together = simulate(scenario, "double_integrator", runs=3, seed=5, continuous=True)
+    alone = simulate(scenario, "double_integrator", seed=7, continuous=True)
     for column in COLUMNS:
         assert getattr(together, column.name)[2:].tobytes() == getattr(alone, column.name).tobytes(), column
 
@@ -111,7 +111,9 @@ def test_the_physical_plant_has_no_continuous_time():
 
 def test_progress_runs_once_from_start_to_end():
     times = []
-    simulate(load("flips", ["duration_s=2"]), runs=2, continuous=True, progress=times.append)
+    simulate(
+        load("flips", ["duration_s=2"]), "double_integrator", runs=2, continuous=True, progress=times.append
+    )
     assert times == sorted(times)
     assert times[-1] == 2.0
 
@@ -124,7 +126,7 @@ def squeezed(gap_m, *more):
 
 
 def test_where_two_margins_meet_the_run_stops_and_says_where():
-    trace = simulate(squeezed(1.1), continuous=True)
+    trace = simulate(squeezed(1.1), "double_integrator", continuous=True)
     (stop,) = trace.stops
     assert 1.5 < stop.time_s < 2.2
     assert "reaches 0 (to 1e-08 m) at" in stop.reason
@@ -147,9 +149,9 @@ def test_a_run_that_stops_leaves_the_others_alone(monkeypatch):
             yield solver
 
     scenario = load("flips", ["duration_s=2"])
-    alone = simulate(scenario, seed=1, continuous=True)
+    alone = simulate(scenario, "double_integrator", seed=1, continuous=True)
     monkeypatch.setattr(continuous, "_steps", first_is_stuck)
-    trace = simulate(scenario, runs=2, continuous=True)
+    trace = simulate(scenario, "double_integrator", runs=2, continuous=True)
     assert [stop.run for stop in trace.stops] == [0]
     assert trace.stops[0].reason.startswith("stuck, with d_1 = ")
     assert np.isfinite(trace.front_m[0, : round(trace.stops[0].time_s / 0.01)]).all()
@@ -158,7 +160,7 @@ def test_a_run_that_stops_leaves_the_others_alone(monkeypatch):
 
 @pytest.mark.parametrize("change", ["law.k_o=0", "law.variant=capped"])
 def test_a_barrier_that_is_not_singular_goes_on_through_the_margin(change):
-    trace = simulate(squeezed(1.1, change), continuous=True)
+    trace = simulate(squeezed(1.1, change), "double_integrator", continuous=True)
     assert not trace.stops
     assert trace.min_distance_m.min() < -0.01
 
@@ -171,7 +173,7 @@ def test_pressed_against_the_margin_the_stiff_equation_is_solved_all_the_same():
     pressed = pressed.model_copy(
         update={"law": law, "drivers": pressed.drivers.model_copy(update={"vehicle_2": still})}
     )
-    trace = simulate(pressed, continuous=True)
+    trace = simulate(pressed, "double_integrator", continuous=True)
     assert not trace.stops
     d = trace.distance_m[0, :, 0]
     assert 0 < d[-1] < 1e-5
@@ -184,20 +186,20 @@ def test_an_opinion_of_zero_stays_zero_and_any_other_never_reaches_it_for_good()
     late = "{kind: gap, gap_m: 1.5, moves: [{start_s: 6.0, duration_s: 1.0, gap_m: 2.4}]}"
     changes = ["law.eps=0.0005", f"drivers.vehicle_2={late}", "duration_s=14"]
     scenario = load("blocked", changes)
-    trace = simulate(scenario, continuous=True)
+    trace = simulate(scenario, "double_integrator", continuous=True)
     assert (trace.opinion[0] == 0).any()  # underflow, of what the trace shows
     assert trace.opinion[0, -1] == pytest.approx(trace.mu[0, -1], rel=1e-3)
-    assert simulate(scenario).opinion[0, -1] == 0  # with a held input it is lost
-    none = simulate(load("blocked", [*changes, "initial.z=0"]), continuous=True)
+    assert simulate(scenario, "double_integrator").opinion[0, -1] == 0  # with a held input it is lost
+    none = simulate(load("blocked", [*changes, "initial.z=0"]), "double_integrator", continuous=True)
     assert not none.opinion.any()
 
 
 def test_a_margin_that_is_touched_ends_the_run_at_that_time(monkeypatch):
     """The same run, with the solver's resolution at a distance that it does reach."""
     scenario = load("charge", ["duration_s=6"])
-    whole = simulate(scenario, continuous=True)
+    whole = simulate(scenario, "double_integrator", continuous=True)
     monkeypatch.setattr(continuous, "_TOUCHED_M", 0.3)
-    trace = simulate(scenario, continuous=True)
+    trace = simulate(scenario, "double_integrator", continuous=True)
     (stop,) = trace.stops
     d = whole.distance_m[0].min(axis=1)
     first = int(np.argmax(d <= 0.3))
@@ -209,12 +211,12 @@ def test_a_margin_that_is_touched_ends_the_run_at_that_time(monkeypatch):
 
 def test_a_floor_under_z_is_the_limit_of_the_one_under_every_step():
     changes = ["law.variant=z_floor", "duration_s=12"]
-    exact = simulate(load("paper", changes), continuous=True).opinion[0]
+    exact = simulate(load("paper", changes), "double_integrator", continuous=True).opinion[0]
     assert exact.min() == 1e-3
     assert np.count_nonzero(exact == 1e-3) > 100
     errors = []
     for h in (0.01, 0.005):
-        trace = simulate(load("paper", [*changes, f"control_step_s={h}"]))
+        trace = simulate(load("paper", [*changes, f"control_step_s={h}"]), "double_integrator")
         errors.append(np.abs(trace.opinion[0, :: round(0.01 / h)] - exact).max())
     assert errors[0] < 3e-3
     assert errors[1] < 0.6 * errors[0]

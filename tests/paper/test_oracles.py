@@ -38,7 +38,7 @@ def head_on(v_0, k_o=1.0, d_0=0.6):
             "control_step_s=0.002",
         ],
     )
-    trace = simulate(scenario, continuous=True)
+    trace = simulate(scenario, "double_integrator", continuous=True)
     assert not trace.stops
     return trace.min_distance_m[0, 0], np.abs(trace.u_mps2[0, :, 0]).max()
 
@@ -260,7 +260,7 @@ def test_it_never_rises_along_a_run(z):
 def test_an_opinion_that_is_not_negative_stays_so(z_0):
     scenario = load("flips", [f"initial.z={z_0}", "duration_s=4", "initial.mu=-1"])
     for continuous in (False, True):
-        z = simulate(scenario, seed=3, continuous=continuous).opinion
+        z = simulate(scenario, "double_integrator", seed=3, continuous=continuous).opinion
         assert (z >= 0).all()
         assert (z[0, -1] > 0) == (z_0 > 0)
 

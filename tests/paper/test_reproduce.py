@@ -197,12 +197,12 @@ def test_all_published_facts_are_reproduced_ideal_and_on_mujoco(published):
 
 
 def test_a_run_without_the_barrier_is_told_from_the_published_one():
-    without = simulate(load("paper", ["law.k_o=0", "control_step_s=0.02"]))
+    without = simulate(load("paper", ["law.k_o=0", "control_step_s=0.02"]), "double_integrator")
     assert broken(facts.Pair(without, without)) == {"d_2 stays positive", "d_2 stays in 0 to 1"}
 
 
 def test_a_weak_barrier_is_told_from_none():
-    weak = simulate(load("paper", ["law.k_o=0.1", "control_step_s=0.02"]))
+    weak = simulate(load("paper", ["law.k_o=0.1", "control_step_s=0.02"]), "double_integrator")
     assert {c for c in broken(facts.Pair(weak, weak)) if "k_o = 0" in c} == set(CLAIMS[9:11])
 
 
@@ -272,7 +272,7 @@ def test_every_csv_says_its_units(folder):
 
 
 def test_the_film_opens_with_all_its_frames(folder):
-    trace = simulate(load("paper", ["duration_s=1.5"]))
+    trace = simulate(load("paper", ["duration_s=1.5"]), "double_integrator")
     assert ticks(trace) == [*range(0, 150, round(EVERY_S / 0.01)), 150]
     with Image.open(folder / "merge.gif") as film:
         assert film.n_frames == len(ticks(trace)) == 9
@@ -284,7 +284,7 @@ def test_the_film_opens_with_all_its_frames(folder):
 
 def test_the_same_traces_give_the_same_bytes(folder, tmp_path):
     scenario = load("paper", ["duration_s=1.5"])
-    ideal, real = simulate(scenario, continuous=True), simulate(scenario, "mujoco")
+    ideal, real = simulate(scenario, "double_integrator", continuous=True), simulate(scenario, "mujoco")
     columns = reproduce._beside(reproduce.distance_columns, real, ideal)
     reproduce._save(tmp_path / "distances_mujoco", distances(real, ideal), columns)
     animate(real, tmp_path / "merge.gif")
@@ -325,11 +325,11 @@ def test_the_commands_are_even_in_g_j(monkeypatch):
     """The text has g_j point from the ego to the neighbour, the formula the other way: it does not matter."""
     unit = merge._unit
     scenario = load("paper", ["control_step_s=0.02"])
-    one = simulate(scenario)
+    one = simulate(scenario, "double_integrator")
     monkeypatch.setattr(
         merge, "_unit", lambda a, length: -unit(a, length) if a.ndim == 3 else unit(a, length)
     )
-    other = simulate(scenario)
+    other = simulate(scenario, "double_integrator")
     assert np.array_equal(one.u_mps2, other.u_mps2)
     assert np.array_equal(one.opinion, other.opinion)
     assert np.array_equal(one.front_m, other.front_m)

@@ -20,7 +20,10 @@ def test_every_variant_gets_the_same_merges():
 def test_it_counts_what_the_traces_show():
     progress = []
     found = survey(TOGETHER + 1, 5, "literal", progress.append)  # rounded up
-    traces = [simulate(random_scenario(s, "literal"), runs=TOGETHER, seed=s * TOGETHER) for s in (5, 6)]
+    traces = [
+        simulate(random_scenario(s, "literal"), "double_integrator", runs=TOGETHER, seed=s * TOGETHER)
+        for s in (5, 6)
+    ]
     wrong = [d.wrong_sign_s for t in traces for d in decision(t)]
     assert progress == [TOGETHER, 2 * TOGETHER]
     assert found.runs == 2 * TOGETHER

@@ -102,7 +102,7 @@ def test_any_combination_gives_numbers_and_changes_only_what_its_parts_say(names
 
 @pytest.mark.parametrize("variant", ["gated+one_sided+z_floor", "capped+guarded+no_u1"])
 def test_a_combination_runs(variant):
-    trace = simulate(load("charge", [f"law.variant={variant}", "duration_s=6"]))
+    trace = simulate(load("charge", [f"law.variant={variant}", "duration_s=6"]), "double_integrator")
     assert not trace.stops
     assert (trace.min_distance_m > 0).all()
 

@@ -135,7 +135,8 @@ def test_draws_are_the_same_every_time_within_their_range_and_do_not_depend_on_h
 
 
 def test_what_a_run_sets_loads_as_the_same_scenario():
-    found = plan(block(mismatches={"m": {"mismatch.tyres": "ideal", "law.k_o": 1e-5, "mismatch.load_kg": 1}}))
+    keys = {"mismatch.tyres": "ideal", "law.k_o": 1e-5, "mismatch.load_kg": 1}
+    found = plan(block(plants=["mujoco"], mismatches={"m": keys}))
     (case,) = found.cases
     scenario = load("paper", case.overrides)
     assert scenario.mismatch == case.mismatch

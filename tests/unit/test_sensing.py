@@ -210,4 +210,6 @@ def test_a_measurement_that_is_late_is_a_delay_of_the_loop():
     near = judge(simulate(scenario, "double_integrator"))[0]
     assert "delay small against d" not in [b.hypothesis for b in near.breaches]  # 2 k_o tau/pi = 0.25 m
     scenario = load("charge", ["duration_s=6", "mismatch.sensing_delay_s=0.4"])
-    assert "delay small against d" in [b.hypothesis for b in judge(simulate(scenario))[0].breaches]
+    assert "delay small against d" in [
+        b.hypothesis for b in judge(simulate(scenario, "double_integrator"))[0].breaches
+    ]
