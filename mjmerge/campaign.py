@@ -255,7 +255,7 @@ class _Block:
             use = self._uses.setdefault((case.batch.source, case.batch.plant, s.axis), _Use({}, []))
             if why:
                 use.vain.setdefault(s.at, "; ".join(dict.fromkeys(why)))
-            elif acts(case, s.key):
+            elif not use.acted and acts(case, s.key):
                 use.acted.append(True)
 
     def _blame(self, problem: Problem, settings: Sequence[Setting], source: str, where: str) -> None:
