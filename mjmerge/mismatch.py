@@ -130,7 +130,7 @@ class Mismatch(Frozen):
     drive_lag_s: Annotated[Delay, _BODIES] = 0.0
     """Time constant with which torques follow their commands, s."""
     command_delay_s: Annotated[Delay, _EVERY] = 0.0
-    """Dead time of the ego's steering and drive commands, s. Full size: 0.24 for the steering (see docs)."""
+    """Dead time of the ego's steering, drive and brakes, s; see docs. Full size: 0.24 for the steering."""
 
     # what the ego measures
     sensing_delay_s: Annotated[Delay, _EVERY] = 0.0

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mjmerge.delay import Past
 from mjmerge.mismatch import SENSING, Mismatch, column
 from mjmerge.state import Array, Cars, Mask
 
@@ -25,43 +26,16 @@ def exact(mismatch: Mismatch) -> bool:
     return all(getattr(mismatch, name) == getattr(_EXACT, name) for name in SENSING)
 
 
-class Past:
-    """The last values of an array, one per control tick, read back at any age.
-
-    Before the first tick lies what was there at the first tick.
-    """
-
-    def __init__(self, first: Array, longest_s: float, step_s: float) -> None:
-        self._step_s = step_s
-        self._values = np.repeat(first[None], int(np.ceil(longest_s / step_s - 1e-9)) + 2, axis=0)
-        self._at = 0
-
-    def push(self, now: Array) -> None:
-        """The value at the next tick."""
-        self._at = (self._at + 1) % len(self._values)
-        self._values[self._at] = now
-
-    def ago(self, age_s: Array) -> Array:
-        """What it was, linearly between ticks, for the age of each simulation, (N,)."""
-        ticks = age_s / self._step_s
-        whole = np.floor(ticks + 1e-9)  # an age of whole ticks reads them exactly
-        part = np.maximum(ticks - whole, 0.0)
-        runs = np.arange(len(age_s))
-        newer, older = (
-            self._values[(self._at - whole.astype(np.int64) - k) % len(self._values), runs] for k in (0, 1)
-        )
-        between = part.reshape(-1, *(1,) * (newer.ndim - 1))
-        return np.where(between == 0, newer, (1 - between) * newer + between * older)
-
-
 class Sensing:
     """Holds what was measured before; one for all N simulations."""
 
     def __init__(self, mismatches: Sequence[Mismatch], seeds: Sequence[int], step_s: float) -> None:
         """Args: what is wrong in each simulation; their seeds; the control step, s."""
-        self.exact = all(exact(m) for m in mismatches)
+        truth = np.array([exact(m) for m in mismatches], dtype=bool)
+        self.exact = bool(truth.all())
         if self.exact:
             return
+        self._told_truth = truth
         self._step_s = step_s
         (
             self._delay_s, self._bias_m, self._behind_m, self._dropout, self._window_s, self._told_delay_s,
@@ -107,7 +81,7 @@ class Sensing:
         own, others = seen[:, :_OWN], seen[:, _OWN:].reshape(len(seen), 2, 4)
         p_j, v_j = self._followed(others[..., :2], others[..., 2:], lost)
         told = np.where(self._told[:, None], self._u_1.ago(self._told_delay_s), 0.0)
-        return self._cars(cars, own, p_j, v_j), told
+        return self._but_for_truth(cars, self._cars(cars, own, p_j, v_j)), told
 
     def _flat(self, cars: Cars) -> Array:
         """What there is to measure, (N, _OWN + _OTHERS), with the neighbours' measured points in place."""
@@ -150,6 +124,20 @@ class Sensing:
             v_j = np.where(gone & ~differs, self._last_v, v_j)
             self._last_p, self._last_v = p_j, v_j
         return p_j, v_j
+
+    def _but_for_truth(self, cars: Cars, seen: Cars) -> Cars:
+        """The truth where nothing is wrong: even the sign of a zero would be lost in adding no noise."""
+        if not self._told_truth.any():
+            return seen
+
+        def told(name: str) -> Array:
+            truth = getattr(cars, name)
+            at = self._told_truth.reshape(-1, *(1,) * (truth.ndim - 1))
+            seen_or_true: Array = np.where(at, truth, getattr(seen, name))
+            return seen_or_true
+
+        names = ("front_m", "velocity_mps", "heading_rad", "speed_mps", "steer_rad")
+        return replace(seen, **{name: told(name) for name in names})
 
     def _cars(self, cars: Cars, own: Array, p_j: Array, v_j: Array) -> Cars:
         def told(truth: Array, ego: Array) -> Array:

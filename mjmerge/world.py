@@ -26,6 +26,7 @@ from mjmerge.bounds import MOST_DASHES
 from mjmerge.car import Car
 from mjmerge.car_file import CarFile
 from mjmerge.datasheet import DataSheet
+from mjmerge.delay import asked_s, steps_late
 from mjmerge.errors import ModelError, nearest
 from mjmerge.loader import data_sheet
 from mjmerge.mismatch import Mismatch, Tyre
@@ -197,7 +198,7 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
     return compose(
         {car: getattr(scenario.models, car) for car in CARS},
         friction=mismatch[0].friction,
-        tyres=mismatch[0].tyres,
+        tyres="slip" if any(m.tyres == "slip" for m in mismatch) else "ideal",
         delays_s={"ego": max(m.command_delay_s for m in mismatch)},
         physics_step_s=scenario.physics_step_s,
         substeps=scenario.substeps,
@@ -226,7 +227,7 @@ def compose(
         models: car model of each car, by the car's name.
         friction: between all tyres and the road, 1.
         tyres: whether they slip.
-        delays_s: dead time of the commands of a car, s, by its name.
+        delays_s: longest dead time of the commands of a car, s, by its name; see :mod:`mjmerge.delay`.
         physics_step_s: time step, s.
         substeps: time steps of a control step, over which the forces between the cars are kept.
         draw: adds to the picture of the road.
@@ -344,12 +345,14 @@ def _add_car(
             solreffriction=(-1.0, -1 / root.option.timestep),
             solimp=(HARDEST, HARDEST, 0.001, 0.5, 2.0),
         )
-    if delay_s > 0:
-        for name in DRIVE + STEER:  # a brake is a damper here: the plant delays its torque
+    late = int(steps_late(delay_s, root.option.timestep))
+    if late > 0:
+        for name in DRIVE + STEER + BRAKE:
             actuator = model.find("actuator", name)
             if actuator is not None:
-                actuator.delay = delay_s
-                actuator.nsample = ceil(delay_s / root.option.timestep - 1e-9)
+                actuator.nsample = late
+                if name not in BRAKE:  # a brake is a damper here: the plant delays its torque
+                    actuator.delay = float(asked_s(late, root.option.timestep))
     return file
 
 

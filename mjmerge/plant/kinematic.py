@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjmerge.actuation import ackermann
+from mjmerge.delay import Past
 from mjmerge.mismatch import Mismatch, column
 from mjmerge.plant.base import Fault
 from mjmerge.scenario import CARS, Scenario
-from mjmerge.sensing import Past
 from mjmerge.state import PAIRS, Array, Cars, Mask
 from mjmerge.world import World
 

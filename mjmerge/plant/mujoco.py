@@ -11,6 +11,7 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from mjmerge.actuation import AIR_KG_PER_M3, CRAWL_MPS, ROLLS_MPS, bicycle_angle
+from mjmerge.delay import Past, asked_s
 from mjmerge.mismatch import Mismatch, column
 from mjmerge.plant.base import Fault
 from mjmerge.plant.contacts import Contacts
@@ -19,7 +20,6 @@ from mjmerge.plant.lag import Lag
 from mjmerge.plant.patch import Patch
 from mjmerge.plant.truth import Truth
 from mjmerge.scenario import Scenario
-from mjmerge.sensing import Past
 from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.world import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER, WHEELS, World
 
@@ -139,6 +139,8 @@ class MuJoCo:
         self._late: Past | None = None
         if mismatch is not None:
             self._mismatched(mismatch)
+        if truth.late_steps.any():
+            self._delay_brakes(np.broadcast_to(truth.late_steps, runs))
         pairs = world.pairs
         self._impedance = self.batch.expand("pair_solimp")
         self._damping = self.batch.expand("pair_solreffriction")
@@ -158,12 +160,24 @@ class MuJoCo:
         if any(m.patch_friction is not None for m in mismatch):
             self._patch = Patch.of(mismatch)
             self._pair_friction = self.batch.expand("pair_friction")
-        lag_s, delay_s = column(mismatch, "drive_lag_s"), column(mismatch, "command_delay_s")
+        lag_s = column(mismatch, "drive_lag_s")
         if lag_s.any():
             self._lag = Lag(lag_s, self._step_s, len(WHEELS))
-        if delay_s.any():
-            first = np.zeros((len(mismatch), len(WHEELS) + 1))
-            self._late, self._delay_s = Past(first, float(delay_s.max()), self._step_s), delay_s
+
+    def _delay_brakes(self, late_steps: NDArray[np.int64]) -> None:
+        """Brakes as late as everything else, by so many physics steps, (N,).
+
+        Whole ticks are delayed here, as torque, because a brake's damping goes with the speed that the wheel
+        has then. The steps that remain are MuJoCo's, as all of motors and steering are.
+        """
+        model = self.batch.model
+        ticks, steps = np.divmod(late_steps, self._substeps)
+        first = np.zeros((len(ticks), len(WHEELS) + 1))
+        self._delay_s = ticks * self._step_s
+        self._late = Past(first, float(self._delay_s.max()), self._step_s)
+        if steps.any():
+            brakes = [model.actuator(f"{self._cars[0]}/{name}").id for name in BRAKE]
+            self.batch.expand("actuator_delay")[:, brakes] = asked_s(steps, model.opt.timestep)[:, None]
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`."""

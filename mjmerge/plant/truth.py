@@ -11,12 +11,15 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import cos, sin
+from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS
+from numpy.typing import NDArray
 
 from mjmerge.actuation import ackermann
+from mjmerge.delay import asked_s, steps_late
 from mjmerge.errors import ModelError
 from mjmerge.mismatch import SENSING, Mismatch
 from mjmerge.plant.tyre import Tyres
@@ -43,6 +46,7 @@ class Truth:
         mass_kg: of the cars, (N, C).
         down_mps2: gravity across the plane of the road, (N, 1).
         steer_rate: fastest steering over that of the model, (N, C).
+        late_steps: physics steps by which commands reach the ego late, (N,).
         tyres: of all wheels.
     """
 
@@ -53,6 +57,7 @@ class Truth:
     mass_kg: Array
     down_mps2: Array
     steer_rate: Array
+    late_steps: NDArray[np.int64]
     tyres: Tyres
 
     @classmethod
@@ -80,7 +85,9 @@ class Truth:
             for name in sorted(set().union(*differences))
         }
         tyres = {f.name: stacked(f.name) for f in fields(Tyres) if f.name != "step_s"}
-        numbers = {f.name: stacked(f.name) for f in fields(cls) if f.name not in ("changed", "tyres")}
+        numbers: dict[str, Any] = {
+            f.name: stacked(f.name) for f in fields(cls) if f.name not in ("changed", "tyres")
+        }
         step_s = float(world.model.opt.timestep)
         return cls(changed=changed, tyres=Tyres(**tyres, step_s=step_s), **numbers)
 
@@ -144,17 +151,18 @@ def _limit(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
 
 
 def _delay(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
-    """Dead time of motors and steering; the brakes' is the plant's."""
-    ego = world.cars[0]
+    """Dead time of motors and steering, see :mod:`mjmerge.delay`; the brakes' is the plant's."""
+    ego, step_s = world.cars[0], float(model.opt.timestep)
+    late = int(steps_late(m.command_delay_s, step_s))
     for i in range(model.nu):
         if model.actuator(i).name.removeprefix(f"{ego}/") in DRIVE + STEER:
-            room_s = model.actuator_history[i, 0] * model.opt.timestep
-            if m.command_delay_s > room_s + 1e-9:
+            room = int(model.actuator_history[i, 0])
+            if late > room:
                 raise ModelError(
-                    f"the world was built for a command delay of at most {room_s:g} s, not "
+                    f"the world was built for a command delay of at most {room * step_s:g} s, not "
                     f"{m.command_delay_s:g} s: build it with the mismatch of all simulations"
                 )
-            model.actuator_delay[i] = m.command_delay_s
+            model.actuator_delay[i] = asked_s(late, step_s)
 
 
 def _resize_wheels(model: mujoco.MjModel, car: str, ratio: float) -> None:
@@ -239,6 +247,7 @@ def _numbers(world: World, model: mujoco.MjModel, mismatch: Mismatch | None) -> 
     on_axle = world.axle_mass_kg(model)
     radius = model.geom_size[world.ids("geom", "tyre_{}"), 0]
     on_wheel = np.repeat(on_axle / 2, 2, axis=1)
+    steering = model.actuator(f"{world.cars[0]}/{STEER[0]}").id
     steer_rate = np.ones(cars)
     steer_rate[0] = m.steer_rate_limit
     return {
@@ -248,6 +257,7 @@ def _numbers(world: World, model: mujoco.MjModel, mismatch: Mismatch | None) -> 
         "mass_kg": on_axle.sum(axis=1),
         "down_mps2": -model.opt.gravity[2:],
         "steer_rate": steer_rate,
+        "late_steps": steps_late(model.actuator_delay[steering], float(model.opt.timestep)),
         "stiffness_n_per_rad": np.repeat(stiffness / 2, 2, axis=1),
         "wheel_mass_kg": on_wheel,
         "spin_mass_kg": model.dof_M0[model.jnt_dofadr[world.ids("joint", "spin_{}")]] / np.square(radius),

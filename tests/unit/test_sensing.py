@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjmerge import judge, load, simulate
+from mjmerge.delay import Past
 from mjmerge.mismatch import SENSING, Mismatch
-from mjmerge.sensing import Past, Sensing, exact
+from mjmerge.sensing import Sensing, exact
 from mjmerge.state import Cars
 
 H = 0.01
@@ -213,3 +214,22 @@ def test_a_measurement_that_is_late_is_a_delay_of_the_loop():
     assert "delay small against d" in [
         b.hypothesis for b in judge(simulate(scenario, "double_integrator"))[0].breaches
     ]
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_who_is_told_the_truth_is_told_all_of_it_also_among_others(row):
+    """Down to the sign of a zero, which adding a noise of none would lose."""
+    mismatches = [Mismatch(position_noise_m=0.01)] * 2
+    mismatches[row] = Mismatch()
+    sense, rng = Sensing(mismatches, [1, 2], H), np.random.default_rng(2)
+
+    def zeros_and_ones(shape):
+        return np.copysign(rng.integers(0, 2, shape), rng.normal(size=shape))
+
+    for _ in range(30):
+        cars = Cars(*(zeros_and_ones(a.shape) for a in vars(cars_at(0, runs=2)).values()))
+        u_1 = zeros_and_ones((2, 2))
+        seen, told_u_1 = sense(cars, u_1)
+        for name, true in vars(cars).items():
+            assert getattr(seen, name)[row].tobytes() == true[row].tobytes(), name
+        assert told_u_1[row].tobytes() == u_1[row].tobytes()

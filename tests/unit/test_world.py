@@ -6,7 +6,9 @@ import pytest
 
 from mjmerge import share
 from mjmerge.actuation import ackermann
+from mjmerge.errors import ModelError
 from mjmerge.loader import data_sheet, load
+from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import CARS
 from mjmerge.world import DRIVE, DRIVEN, IMPRATIO, STEER, WHEELS, build, compose
 
@@ -146,8 +148,18 @@ def test_a_command_delay_reaches_the_egos_actuators_and_nobody_elses():
     for car in CARS:
         for name in DRIVE + STEER:
             delay_s = model.actuator_delay[model.actuator(f"{car}/{name}").id]
-            assert delay_s == pytest.approx(0.05 if car == "ego" else 0.0)
+            assert delay_s == pytest.approx(0.0495 if car == "ego" else 0.0)  # mjmerge.delay says why
     assert not build(load("paper")).model.actuator_delay.any()
+
+
+def test_tyres_slip_in_a_world_if_they_do_in_any_simulation_in_whatever_order():
+    too_long = load("paper", ["physics_step_s=0.005", "mismatch.tyres=ideal"])
+    mixed = [Mismatch(tyres="ideal"), Mismatch(tyres="slip")]
+    assert build(too_long, mixed[:1]).tyres == "ideal"
+    assert {build(load("paper"), order).tyres for order in (mixed, mixed[::-1])} == {"slip"}
+    for order in (mixed, mixed[::-1]):
+        with pytest.raises(ModelError, match="tyres that slip need"):
+            build(too_long, order)
 
 
 def test_a_delayed_ego_does_nothing_until_the_delay_is_over_and_then_all_of_it():
@@ -163,4 +175,4 @@ def test_a_delayed_ego_does_nothing_until_the_delay_is_over_and_then_all_of_it()
             if abs(data.actuator(f"{car}/drive_rear_left").force[0] - 0.1) < 1e-12:
                 started.setdefault(car, step)
     assert started["vehicle_1"] == 0
-    assert started["ego"] == pytest.approx(50, abs=1)
+    assert started["ego"] == 50
