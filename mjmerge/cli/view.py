@@ -11,18 +11,24 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import Flag
 from mjmerge.errors import UnknownNameError
 
 
 @dataclass(frozen=True)
 class View:
-    """Open a recording in the Rerun viewer."""
+    """Open a recording in the Rerun viewer, which talks to nobody."""
 
     run: Annotated[Path, tyro.conf.Positional]
     """A run folder, or a recording in it."""
+    check: Flag = False
+    """Open no window: only make what the viewer would be shown, and say whether that can be."""
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
+        from mjmerge.record.read import read
+        from mjmerge.record.viewer import command, environment
+
         places = (self.run, Path("runs") / self.run)
         files = [p / "run.rrd" if p.is_dir() else p for p in places]
         file = next((f for f in files if f.is_file() and f.suffix in (".rrd", ".mcap")), None)
@@ -37,8 +43,12 @@ class View:
 
                 shown = Path(folder) / "mcap.rrd"
                 write_view(file, shown)
-            viewer = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(shown)]
-            code = subprocess.run(viewer, check=False).returncode
+            elif self.check:
+                read(file)
+            if self.check:
+                print(f"{file} can be shown")
+                return 0
+            code = subprocess.run(command(str(shown)), env=environment(), check=False).returncode
         if code:
             print(
                 "mjmerge: the Rerun viewer needs a display; without one, open the recording on another "

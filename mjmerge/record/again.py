@@ -18,6 +18,7 @@ from mjmerge.contract import judge
 from mjmerge.errors import UnreadableError
 from mjmerge.metrics import events
 from mjmerge.phases import phases
+from mjmerge.record.attached import compiled
 from mjmerge.record.base import Header, Outcome, PosedBlock
 from mjmerge.record.claims import what_follows
 from mjmerge.record.digest import digests
@@ -40,10 +41,7 @@ def header(found: Recorded) -> Header:
         UnreadableError: there is no world in it, or none that compiles.
         ScenarioError: its scenario is none that this version can run.
     """
-    try:
-        model = mujoco.MjModel.from_xml_string(found.world_xml)
-    except ValueError as error:
-        raise UnreadableError(found.path, f"its world does not compile: {error}") from error
+    model = compiled(found.path, found.world_xml)
     return Header(
         scenario=found.scenario(),
         scenario_yaml=found.scenario_yaml,

@@ -18,11 +18,12 @@ import time
 from typing import IO, Any
 
 from mjmerge.errors import MjmergeError
+from mjmerge.record import viewer
 from mjmerge.record.base import Header, Outcome, pose
 from mjmerge.record.scene import Scene
+from mjmerge.record.viewer import HOST
 from mjmerge.trace import GLIMPSE_S, Block
 
-HOST = "127.0.0.1"
 APPLICATION = "mjmerge_live"
 _BACKLOG_S = 30.0
 """Simulated time that may wait for the viewer."""
@@ -55,7 +56,9 @@ class Live:
         self._queue: queue.Queue[object] = queue.Queue(maxsize=round(_BACKLOG_S / GLIMPSE_S))
         self._queue.put(header)
         command = [sys.executable, "-m", "mjmerge.record.live", *([] if port is None else [str(port)])]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, start_new_session=True, env=viewer.environment()
+        )
         self._thread = threading.Thread(target=self._send, daemon=True)
         self._thread.start()
 
@@ -152,19 +155,22 @@ def _open_viewer() -> tuple[int, subprocess.Popen[bytes]]:
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         port: int = probe.getsockname()[1]
-    command = [sys.executable, "-m", "rerun", "--bind", HOST, "--port", str(port), "--hide-welcome-screen"]
+    command = viewer.command("--port", str(port), "--hide-welcome-screen")
     no = subprocess.DEVNULL
-    return port, subprocess.Popen(command, start_new_session=True, stdin=no, stdout=no, stderr=no)
+    process = subprocess.Popen(
+        command, start_new_session=True, stdin=no, stdout=no, stderr=no, env=viewer.environment()
+    )
+    return port, process
 
 
-def _await(port: int, patience_s: float, viewer: subprocess.Popen[bytes] | None) -> bool:
+def _await(port: int, patience_s: float, started: subprocess.Popen[bytes] | None) -> bool:
     """Whether there is a viewer, at the latest after a while."""
     deadline = time.monotonic() + patience_s
     while True:
         try:
             socket.create_connection((HOST, port), timeout=1.0).close()
         except OSError:
-            if time.monotonic() > deadline or (viewer is not None and viewer.poll()):
+            if time.monotonic() > deadline or (started is not None and started.poll()):
                 return False
             time.sleep(0.1)
         else:
@@ -173,9 +179,9 @@ def _await(port: int, patience_s: float, viewer: subprocess.Popen[bytes] | None)
 
 def main() -> None:
     """The process that talks to the viewer: ``python -m mjmerge.record.live [PORT]``, the run on stdin."""
-    port, viewer = (int(sys.argv[1]), None) if len(sys.argv) > 1 else _open_viewer()
-    if not _await(port, _START_S if viewer else _KNOCK_S, viewer):
-        why = "; a viewer needs a display" if viewer else ""
+    port, started = (int(sys.argv[1]), None) if len(sys.argv) > 1 else _open_viewer()
+    if not _await(port, _START_S if started else _KNOCK_S, started):
+        why = "; a viewer needs a display" if started else ""
         sys.exit(f"mjmerge: there is no Rerun viewer at {HOST}:{port}; the run is not shown{why}")
     try:
         _show(sys.stdin.buffer, port)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import rerun as rr
 import rerun.chunk as rc
 
-from mjmerge.errors import MjmergeError, OutputError
+from mjmerge.errors import OutputError, UnreadableError
 from mjmerge.record import layout, plots, report
+from mjmerge.record.attached import compiled
 from mjmerge.record.mcap import WORLD
 from mjmerge.record.read import read
 from mjmerge.record.scene import DRAWN_EVERY_S, Scene, closeness
@@ -42,24 +42,23 @@ def write_view(mcap: Path, rrd: Path) -> None:
         rrd: the file to write, which must not exist.
 
     Raises:
-        UnreadableError: it is no recording.
-        MjmergeError: its world does not compile.
+        UnreadableError: it is no recording, or its world does not compile.
         OutputError: the file exists.
     """
     if rrd.exists():
         raise OutputError(f"{rrd} exists; recordings are not overwritten")
     found = read(mcap)
-    try:
-        model = mujoco.MjModel.from_xml_string(found.world_xml)
-    except ValueError as error:
-        raise MjmergeError(f"{mcap}: the attached world does not compile: {error}") from error
+    model = compiled(mcap, found.world_xml)
     scenario = found.scenario()
     scene = Scene(model, scenario.law.r_m)
     stream = rr.RecordingStream(APPLICATION, send_properties=False)
     blueprint = layout.blueprint(scenario, scene.paint, timeline=layout.MCAP_TIME)
     stream.save(rrd, default_blueprint=blueprint)
     stream.send_recording_name(mcap.name)
-    stream.send_chunks(rc.McapReader(mcap, timeline_type="duration_ns", recover=True).stream())
+    try:
+        stream.send_chunks(rc.McapReader(mcap, timeline_type="duration_ns", recover=True).stream())
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UnreadableError(mcap, "Rerun makes nothing of it") from error
     stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     frames = {layout.entity(frame.name): frame.name for frame in scene.frames}
     for entity, name in frames.items():
