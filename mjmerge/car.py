@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.datasheet import DataSheet
+from mjmerge.findings import Finding
 from mjmerge.state import Array
 
 SAME = 0.01
@@ -19,15 +20,6 @@ SAME = 0.01
 ``mjmerge identify`` asks of the rolling radius, the wheelbase and the effective mass of a car that drives."""
 STRAIGHT = 1e-6
 """How far axes that are to be the car's own may be off; they are written, not measured."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something that is wrong with what has that kind and name."""
-
-    kind: str
-    name: str
-    message: str
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjmerge.car import SAME, STRAIGHT, Car, Finding, off, shape
+from mjmerge.car import SAME, STRAIGHT, Car, off, shape
+from mjmerge.findings import Finding
 from mjmerge.parts import SITES, STEERED, WHEELS
 
 SPIN_TILT = 0.9962
@@ -166,7 +167,14 @@ def _joints(car: Car) -> Iterator[Finding]:
                 yield Finding(
                     "joint", name, f"joint {name} is expected to be a hinge about {'xyz'[axis]}{flipped}"
                 )
-            if joint.bodyid[0] != on:
+            if what == "steer" and joint.bodyid[0] == body.id:
+                yield Finding(
+                    "joint",
+                    name,
+                    f"joint {name} is on wheel_{wheel} itself; expected on a body of its own between the "
+                    f"chassis and wheel_{wheel} (a hub): a wheel that spins takes its steering axis along",
+                )
+            elif joint.bodyid[0] != on:
                 where = model.body(on).name.split("/")[-1]
                 yield Finding("joint", name, f"joint {name} is expected on the body {where}")
             yield from _free(car, name, joint)

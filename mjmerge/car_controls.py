@@ -9,10 +9,13 @@ import mujoco
 import numpy as np
 
 from mjmerge.actuation import ackermann
-from mjmerge.car import SAME, Car, Finding, off
+from mjmerge.car import SAME, Car, off
+from mjmerge.findings import Finding
 from mjmerge.parts import BRAKE, DRIVE, DRIVEN, SENSORS, STEER, WHEELS
 
 Kind = mujoco.mjtObj
+NONE = mujoco.mjtDyn.mjDYN_NONE
+_FOLLOWS = [int(d) for d in (NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)]
 _SENSED = {
     "front_position": ("framepos", Kind.mjOBJ_SITE, "front_axle"),
     "front_velocity": ("framelinvel", Kind.mjOBJ_SITE, "front_axle"),
@@ -60,7 +63,11 @@ def _actuators(car: Car) -> Iterator[Finding]:
                 f"brake_torque_limit_n_m: {sheet.brake_torque_limit_n_m:g} and brake_front_share: "
                 f"{sheet.brake_front_share:g}, which makes {most:.6g} N·m (within {SAME * most:.3g} N·m)",
             )
-        if not np.allclose(brake.gainprm[:3], (0, 0, -1)) or np.any(brake.biasprm):
+        if (
+            not np.allclose(brake.gainprm[:3], (0, 0, -1))
+            or np.any(brake.biasprm)
+            or brake.dyntype[0] != NONE
+        ):
             yield Finding("actuator", BRAKE[i], f'actuator {BRAKE[i]} is not a <damper> with kv="1"')
         if i in DRIVEN[sheet.drive]:
             yield from _motor(car, DRIVE[i])
@@ -88,7 +95,7 @@ def _plainly(actuator: Any) -> bool:
     """Whether its force is what it is told."""
     fixed = actuator.gaintype[0] == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] == 1
     alone = actuator.biastype[0] == mujoco.mjtBias.mjBIAS_NONE
-    return bool(fixed and alone and actuator.dyntype[0] == mujoco.mjtDyn.mjDYN_NONE)
+    return bool(fixed and alone and actuator.dyntype[0] == NONE)
 
 
 def _motor(car: Car, name: str) -> Iterator[Finding]:
@@ -108,6 +115,7 @@ def _motor(car: Car, name: str) -> Iterator[Finding]:
 def _servo(car: Car, name: str) -> Iterator[Finding]:
     servo, sheet = car.of("actuator", name), car.sheet
     fixed = servo.gaintype[0] == mujoco.mjtGain.mjGAIN_FIXED and servo.gainprm[0] > 0
+    fixed = fixed and int(servo.dyntype[0]) in _FOLLOWS
     if not fixed or servo.biasprm[0] != 0 or not np.isclose(servo.biasprm[1], -servo.gainprm[0]):
         yield Finding(
             "actuator", name, f"actuator {name} is not a <position> servo: it does not go where it is told"
@@ -120,6 +128,7 @@ def _servo(car: Car, name: str) -> Iterator[Finding]:
     for what, limited, ends in (
         (f"the ctrlrange of {name}", servo.ctrllimited[0], servo.ctrlrange),
         (f"the range of the joint {name}", joint.limited[0], joint.range),
+        (f"the actrange of {name}", car.model.actuator_actlimited[servo.id], servo.actrange),
     ):
         reach = min(-ends[0], ends[1]) if limited else np.inf
         if reach < (1 - SAME) * most:

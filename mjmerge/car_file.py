@@ -16,6 +16,7 @@ from typing import Any
 from lxml import etree
 
 from mjmerge.errors import ModelError, nearest
+from mjmerge.findings import Finding
 from mjmerge.parts import BRAKE, DRIVE, NUMBERS, RESISTANCE, SENSORS, STEER
 
 _WORLDS = {
@@ -67,12 +68,14 @@ class Element:
         attributes: as written.
         path: tags around it, from the section down, itself not among them.
         place: ``file:line``.
+        within: name of the element that it stands in.
     """
 
     tag: str
     attributes: Mapping[str, str]
     path: tuple[str, ...]
     place: str
+    within: str = ""
 
     @property
     def kind(self) -> str:
@@ -103,6 +106,21 @@ class CarFile:
     elements: tuple[Element, ...]
 
     @classmethod
+    def of(cls, folder: Path) -> CarFile:
+        """The file of a car by its folder, which has the same name.
+
+        Raises:
+            ModelError: it is not there, or cannot be read.
+        """
+        path = folder / f"{folder.name}.xml"
+        if path.is_file():
+            return cls.read(path)
+        others = " or ".join(sorted(p.name for p in folder.glob("*.xml")))
+        if others:
+            raise ModelError(f"{path} is missing: a car's MJCF has the name of its folder; rename {others}")
+        raise ModelError(f"{path} is missing: `mjmerge new car NAME` writes a folder with all of a car")
+
+    @classmethod
     def read(cls, path: Path) -> CarFile:
         """All elements of a file.
 
@@ -113,21 +131,30 @@ class CarFile:
 
     def place(self, kind: str, name: str) -> str:
         """``file:line`` of what has that kind and name, or the file."""
-        for element in self.elements:
-            if element.kind == kind and element.name == name and element.path[:1] != ("default",):
-                return element.place
-        return str(self.path)
+        element = self.named(kind).get(name)
+        return element.place if element else str(self.path)
 
-    def problems(self) -> Iterator[str]:
+    def named(self, kind: str) -> dict[str, Element]:
+        """What is of that kind and has a name, defaults aside."""
+        return {e.name: e for e in self.elements if e.kind == kind and e.name and e.path[:1] != ("default",)}
+
+    def findings(self) -> Iterator[Finding]:
         """Everything in it that speaks of more than the car, each with its place and what to do."""
         if not any(e.tag == "compiler" and "angle" in e.attributes for e in self.elements):
-            yield (
-                f'{self.path}: no <compiler angle="radian"/>: without it MuJoCo reads every angle in '
-                "degrees; add it, and give all angles in radians"
+            yield Finding(
+                "compiler",
+                "",
+                'no <compiler angle="radian"/>: without it MuJoCo reads every angle in degrees; add it, and '
+                "give all angles in radians",
+                str(self.path),
             )
+        absent = {
+            "actuator": [name for name in _ACTUATORS if name not in self.named("actuator")],
+            "numeric": [name for name in NUMBERS if name not in self.named("numeric")],
+        }
         for element in self.elements:
-            for problem in _problems(element):
-                yield f"{element.place}: {problem}"
+            for message in _problems(element, absent):
+                yield Finding(element.kind, element.name, message, element.place)
 
 
 def _elements(file: Path, above: tuple[Path, ...]) -> Iterator[Element]:
@@ -141,6 +168,8 @@ def _elements(file: Path, above: tuple[Path, ...]) -> Iterator[Element]:
         raise ModelError(f"{by}{file}: cannot be read: {error.strerror or error}") from error
     except etree.XMLSyntaxError as error:
         raise ModelError(f"{file}:{error.lineno or 1}: not XML: {error.msg}") from error
+    if root.getroottree().docinfo.internalDTD is not None:
+        raise ModelError(f"{file}: a document type definition; remove it: MJCF has none")
     for child in root:
         if child.tag == "include":
             yield from _elements(
@@ -153,12 +182,13 @@ def _elements(file: Path, above: tuple[Path, ...]) -> Iterator[Element]:
 def _inside(element: Any, path: tuple[str, ...], file: Path) -> Iterator[Element]:
     if not isinstance(element.tag, str):
         return  # an entity that was not resolved
-    yield Element(element.tag, dict(element.attrib), path, f"{file}:{element.sourceline}")
+    within = element.getparent().get("name", "") if path else ""
+    yield Element(element.tag, dict(element.attrib), path, f"{file}:{element.sourceline}", within)
     for child in element:
         yield from _inside(child, (*path, element.tag), file)
 
 
-def _problems(e: Element) -> Iterator[str]:
+def _problems(e: Element, absent: Mapping[str, list[str]]) -> Iterator[str]:
     """What of one element speaks of more than the car."""
     section = e.path[0] if e.path else e.tag
     if section in _WORLDS:
@@ -169,11 +199,11 @@ def _problems(e: Element) -> Iterator[str]:
         yield from _compiler(e)
     elif section == "custom" and e.path:
         if e.tag != "numeric" or e.name not in NUMBERS:
-            yield f"{e.said}: not one of the numbers of a car; {nearest(e.name, NUMBERS)} Or {_REMOVE}"
+            yield f"{e.said}: not one of the numbers of a car; {_or_rename(e, absent['numeric'])}"
     elif section == "worldbody" and e.path:
         yield from _body(e)
     elif section in ("actuator", "sensor", "default"):
-        yield from _acts(e)
+        yield from _acts(e, absent["actuator"])
     elif section == "asset" and (e.tag == "model" or e.attributes.get("type") == "skybox"):
         yield f"{e.said}: not part of a car; {_REMOVE}"
 
@@ -213,10 +243,10 @@ def _body(e: Element) -> Iterator[str]:
         yield f"{e.said}: the chassis has no joint, because the world gives a car its free joint; {_REMOVE}"
 
 
-def _acts(e: Element) -> Iterator[str]:
+def _acts(e: Element, absent: list[str]) -> Iterator[str]:
     """Of actuators and sensors, and of the defaults of both."""
     if e.kind == "actuator" and e.path and e.name not in _ACTUATORS:
-        yield f"{e.said}: an actuator that nothing commands; {nearest(e.name, _ACTUATORS)} Or {_REMOVE}"
+        yield f"{e.said}: an actuator that nothing commands; {_or_rename(e, absent)}"
     if e.kind == "sensor" and e.path:
         if e.tag in _OF_THE_WORLD or "world" in (e.attributes.get("objname"), e.attributes.get("refname")):
             yield f"{e.said}: it reads the world, not the car; {_REMOVE}"
@@ -227,3 +257,8 @@ def _acts(e: Element) -> Iterator[str]:
         for name in _DELAYS:
             if name in e.attributes:
                 yield f"{e.said}: {name}: delays are the scenario's (mismatch.command_delay_s); {_REMOVE}"
+
+
+def _or_rename(e: Element, absent: list[str]) -> str:
+    """What to do about something that is not known by its name."""
+    return f"{_REMOVE}, or rename it: {nearest(e.name, absent)}" if absent else _REMOVE

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from mjmerge.car import SAME, STRAIGHT, Car, Finding, off, shape
+from mjmerge.car import SAME, STRAIGHT, Car, off, shape
+from mjmerge.findings import Finding
 from mjmerge.parts import WHEELS
 
 SAME_INERTIA = 0.05

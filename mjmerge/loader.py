@@ -20,7 +20,7 @@ from mjmerge import share
 from mjmerge.checks import check
 from mjmerge.datasheet import DataSheet
 from mjmerge.document import UNREADABLE, Document, copied, described, parse, scalar
-from mjmerge.errors import Problem, ScenarioError, UnknownNameError, nearest
+from mjmerge.errors import ModelError, Problem, ScenarioError, UnknownNameError, nearest
 from mjmerge.frozen import Frozen
 from mjmerge.scenario import CARS, Models, Scenario
 
@@ -204,7 +204,7 @@ def _models(models: Models, near: Path | None, document: Document) -> tuple[Mode
             folder = str(share.model_folder(name, near))
             names[car] = name if name in share.models() else folder
             sheets[car] = data_sheet(names[car]).sized(models.size)
-        except UnknownNameError as error:
+        except (ModelError, UnknownNameError) as error:
             document.report(str(error), f"models.{car}")
         except ScenarioError as error:
             document.problems += [replace(p, source=error.source) for p in error.problems]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from mjmerge.errors import UnknownNameError
+from mjmerge.errors import ModelError, UnknownNameError
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -39,12 +39,22 @@ def model_folder(name: str, near: Path | None = None) -> Path:
         near: where a relative path is looked for first, before the current folder.
 
     Raises:
+        ModelError: there is something, but it is no car's folder.
         UnknownNameError: there is neither.
     """
     shipped = models()
     if name in shipped:
         return shipped[name]
-    for path in ([near / name] if near else []) + [Path(name)]:
+    places = ([near / name] if near else []) + [Path(name)]
+    for path in places:
         if os.path.isfile(path / "datasheet.yaml"):  # noqa: PTH113 (Path's raises where a name is too long)
             return path.resolve()
+    for path in places:
+        if os.path.isdir(path):  # noqa: PTH112
+            raise ModelError(
+                f"{path}: no datasheet.yaml in it, which says what is believed of a car; "
+                "`mjmerge new car NAME` writes one to fill in, docs/your-car.md says how"
+            )
+        if os.path.isfile(path):  # noqa: PTH113
+            raise ModelError(f"{path} is a file; a car model is given by its folder, {path.parent}")
     raise UnknownNameError("car model", name, shipped)

@@ -9,8 +9,8 @@ car's options into it.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from math import ceil
@@ -21,16 +21,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge import car_checks, car_controls, car_sizes, share
+from mjmerge import car_checks, car_controls, car_names, car_sizes, share
 from mjmerge.bounds import MOST_DASHES
 from mjmerge.car import Car
 from mjmerge.car_file import CarFile
 from mjmerge.datasheet import DataSheet
 from mjmerge.delay import asked_s, steps_late
-from mjmerge.errors import ModelError, nearest
+from mjmerge.errors import ModelError
+from mjmerge.findings import Finding, told
 from mjmerge.loader import data_sheet
 from mjmerge.mismatch import Mismatch, Tyre
-from mjmerge.parts import BRAKE, DRIVE, DRIVEN, NUMBERS, RESISTANCE, SENSORS, STEER, STEERED, WHEELS, names
+from mjmerge.parts import BRAKE, DRIVE, DRIVEN, NUMBERS, RESISTANCE, SENSORS, STEER, STEERED, WHEELS
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Array
 from mjmerge.world_checks import differences
@@ -362,37 +363,15 @@ def _load_car(folder: Path, sheet: DataSheet) -> tuple[mjcf.RootElement, CarFile
     Raises:
         ModelError: it does not parse, or something is missing or too much; all of it is named.
     """
-    path = folder / f"{folder.name}.xml"
-    file = CarFile.read(path)
-    problems = list(file.problems())
+    file = CarFile.of(folder)
+    problems = car_names.problems(file, sheet)
     try:
-        model = mjcf.from_path(str(path))
+        model = mjcf.from_path(str(file.path))
     except (OSError, ValueError, KeyError, AttributeError, SyntaxError) as error:  # lxml's is a SyntaxError
-        raise ModelError("\n".join([*problems, f"{path}: {error}"])) from error
-    problems += _missing(model, path, sheet)
+        raise ModelError("\n".join(problems or [f"{file.path}: {error}"])) from error
     if problems:
         raise ModelError("\n".join(problems))
     return model, file
-
-
-def _missing(model: mjcf.RootElement, file: Path, sheet: DataSheet) -> Iterator[str]:
-    """What is not there, or not as it is expected by name."""
-    for kind, name in names(sheet.drive):
-        if model.find(kind, name) is None:
-            have = [e.name for e in model.find_all(kind) if e.name]
-            yield f"{file}: no {kind} called {name!r}; {nearest(name, have)}"
-    for name in (DRIVE[i] for i in range(len(WHEELS)) if i not in DRIVEN[sheet.drive]):
-        if model.find("actuator", name) is not None:
-            yield f"{file}: there is a motor {name!r}, but datasheet.yaml says drive: {sheet.drive}"
-    for name, count in NUMBERS.items():
-        number = model.find("numeric", name)
-        given = [] if number is None else np.atleast_1d(number.data).tolist()
-        if number is not None and (len(given) != count or min(given) < 0):
-            expected = "one number that is" if count == 1 else f"{count} numbers that are"
-            yield f"{file}: numeric {name!r} is {given}; expected {expected} not negative"
-    for body in model.find_all("body"):
-        if body.inertial is not None and not body.inertial.mass > 0:
-            yield f"{file}: body {body.name!r} has a mass of {body.inertial.mass}; expected above 0 kg"
 
 
 def _check_model(
@@ -403,9 +382,11 @@ def _check_model(
 ) -> None:
     """Raises ModelError where the compiled model is not what was composed, or a car not what it must be."""
     problems = list(differences(model, without_cars, tuple(files)))
+    findings: list[Finding] = []
     for (car, file), sheet in zip(files.items(), sheets, strict=True):
         one = Car(model, car, sheet)
         for check in (car_checks, car_controls, car_sizes):
-            problems += [f"{file.place(f.kind, f.name)}: {f.message}" for f in check.findings(one)]
+            findings += [replace(f, place=file.place(f.kind, f.name)) for f in check.findings(one)]
+    problems += told(findings)
     if problems:
-        raise ModelError("\n".join(dict.fromkeys(problems)))  # two cars may be of one file
+        raise ModelError("\n".join(problems))

@@ -5,9 +5,9 @@ import shutil
 import pytest
 
 from mjmerge import share
-from mjmerge.errors import ModelError
+from mjmerge.errors import ModelError, ScenarioError
 from mjmerge.loader import load
-from mjmerge.world import build
+from mjmerge.world import build, single
 
 NAMES = sorted(share.models())
 
@@ -76,7 +76,7 @@ def test_a_body_without_mass_is_named(car, body):
     start = text.index(old) + len(old)
     mass = text[start : start + text[start + 1 :].index('"') + 2]
     said = refused(car((old + mass, old + '"0"')))
-    assert f"body '{body}' has a mass of 0.0; expected above 0 kg" in said
+    assert f"body '{body}' has a mass of 0; expected above 0 kg" in said
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -175,3 +175,81 @@ def test_a_step_that_the_tyres_cannot_follow_is_refused_with_the_longest():
     assert "physics_step_s is 0.005" in said
     assert "0.002 or less" in said
     assert build(load("paper", [*too_long, "mismatch.tyres=ideal"])).model.opt.timestep == 0.005
+
+
+def test_a_folder_without_a_data_sheet_says_what_writes_one(altered_car):
+    folder = altered_car()
+    (folder / "datasheet.yaml").unlink()
+    with pytest.raises(ScenarioError, match=r"own: no datasheet\.yaml in it.*mjmerge new car") as error:
+        load("paper", [f"models.ego={folder}"])
+    assert len(error.value.problems) == 1
+
+
+def test_a_car_given_by_its_file_is_told_to_give_the_folder(altered_car):
+    folder = altered_car()
+    with pytest.raises(ModelError, match=r"own\.xml is a file; a car model is given by its folder, .*own$"):
+        single(str(folder / "own.xml"))
+
+
+def test_an_mjcf_that_has_not_the_name_of_its_folder_is_named(altered_car):
+    folder = altered_car()
+    (folder / "own.xml").rename(folder / "car.xml")
+    assert "own.xml is missing: a car's MJCF has the name of its folder; rename car.xml" in refused(
+        load("paper", [f"models.ego={folder}"])
+    )
+
+
+def test_a_robot_arm_is_refused_in_one_line_that_says_where_the_contract_is(altered_car):
+    folder = altered_car()
+    (folder / "own.xml").write_text(
+        """<mujoco model="arm"><worldbody><body name="base"><joint name="lift"/><geom size=".1"/>
+        <body name="link"><joint name="bend"/><geom size=".1"/></body></body></worldbody>
+        <actuator><motor name="lifts" joint="lift"/></actuator></mujoco>"""
+    )
+    said = refused(load("paper", [f"models.ego={folder}"]))
+    assert "\n" not in said
+    assert "not a car that mjmerge can drive: 44 of the 44 names that every car has are missing" in said
+    assert "bodies base, link, 2 joints and 1 actuators" in said
+    assert "docs/your-car.md" in said
+
+
+def test_a_long_list_of_missing_names_is_one_line_kind_by_kind(altered_car):
+    folder = altered_car(
+        ('"tyre_rear_', '"tyre_back_'),
+        ('"drive_rear_', '"drive_back_'),
+        ('"front_axle"', '"axle_one"'),
+        ('"hull"', '"bumper"'),
+        ('"drag_area_m2"', '"cda"'),
+        shared=[('"paint"', '"lacquer"'), ('"brake_', '"stop_'), ('"front_axle"', '"axle_one"')],
+    )
+    said = refused(load("paper", [f"models.ego={folder}"]))
+    first = said.splitlines()[0]
+    assert "geom hull, tyre_rear_left, tyre_rear_right;" in first
+    assert "actuator drive_rear_left, drive_rear_right, brake_front_left" in first
+    assert "are missing; docs/your-car.md says what each is" in first
+
+
+def test_what_four_wheels_have_in_common_is_one_line(altered_car):
+    folder = altered_car(('axis="0 1 0"', 'axis="0 1 0" damping="1"'))
+    said = refused(load("paper", [f"models.ego={folder}"]))
+    assert said.count("has a damping") == 1
+    assert "(so is spin_front_right, spin_rear_left, spin_rear_right)" in said
+
+
+def test_four_steered_wheels_are_refused_with_the_two_that_steer(altered_car):
+    hub = '<body name="hub_rear_left" pos="-0.17145 0.1325 0">'
+    joint = '<joint name="steer_rear_left" class="steer"/>'
+    folder = altered_car((hub, hub + joint))
+    assert (
+        "steer_rear_left is between the chassis and wheel_rear_left: only the front wheels steer"
+        in refused(load("paper", [f"models.ego={folder}"]))
+    )
+
+
+def test_spin_and_steer_on_one_body_say_that_the_hub_is_missing(altered_car):
+    steer = '<joint name="steer_front_left" class="steer"/>'
+    wheel = '<joint name="spin_front_left" class="spin"/>'
+    folder = altered_car((f"        {steer}\n", ""), (wheel, steer + wheel))
+    assert "joint steer_front_left is on wheel_front_left itself; expected on a body of its own" in refused(
+        load("paper", [f"models.ego={folder}"])
+    )
