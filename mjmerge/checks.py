@@ -14,6 +14,7 @@ from typing import Any
 
 from mjmerge.bounds import MOST_TICKS
 from mjmerge.datasheet import DataSheet
+from mjmerge.drivers import Driver, kinds
 from mjmerge.errors import Problem
 from mjmerge.scenario import CARS, Drivers, Initial, Law
 
@@ -120,7 +121,16 @@ def _bodies(initial: Initial, sheets: Mapping[str, DataSheet]) -> Iterator[Probl
 
 
 def _drivers(drivers: Drivers) -> Iterator[Problem]:
-    """What each driver finds wrong with itself."""
+    """The first neighbour's driver needs nobody ahead; and what each driver finds wrong with itself."""
+    first = CARS[1]
+    leads: Driver = getattr(drivers, first)
+    if not leads.can_lead:
+        leaders = ", ".join(sorted(kind for kind, driver in kinds().items() if driver.can_lead))
+        yield Problem(
+            f"{leads.kind!r} follows the car ahead, and {first} has nobody ahead of it; "
+            f"kinds that can lead: {leaders}",
+            f"drivers.{first}.kind",
+        )
     for car in CARS[1:]:
         for key, message in getattr(drivers, car).problems():
             yield Problem(message, f"drivers.{car}.{key}")

@@ -65,7 +65,7 @@ def simulate(
         UnknownNameError: there is no such plant.
         ModelError: a car model lacks what is needed of it.
         ScenarioError: a key that was given beside the scenario's file, or a case, is without effect here.
-        MjmergeError: the plant has no continuous time.
+        MjmergeError: the plant has no continuous time, or the first neighbour's driver nobody to follow.
     """
     check(plant, scenario)
     check_effect(scenario, plant, continuous=continuous, mismatches=[m for _, m in cases or ()])
@@ -83,8 +83,9 @@ def simulate(
     drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
     moving = make(plant, scenario, world, mismatch, threads)
     sense = Sensing(() if continuous else mismatch, seeds.tolist(), h)
-    traffic = Traffic.of(drivers, seeds.tolist(), scenario.duration_s, moving.observe().front_m[:, 1:, 1])
     sheets = tuple(believed_sheets(scenario))
+    lanes_m, hold_s = moving.observe().front_m[:, 1:, 1], 0.0 if continuous else h
+    traffic = Traffic.of(drivers, seeds.tolist(), scenario.duration_s, lanes_m, sheets[1:], hold_s)
     believed = BelievedCars.of(sheets, limited=moving.limited)
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)

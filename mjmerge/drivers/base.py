@@ -5,33 +5,51 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from mjmerge.frozen import Frozen
 
 Array = NDArray[np.float64]
 
+FASTEST_MPS = 1000.0
+"""Nothing on a road is faster: a speed beyond it is a mistake."""
+Forwards = Annotated[float, Field(ge=0, le=FASTEST_MPS)]
+"""A speed of a car that does not reverse, m/s."""
+
 
 @dataclass(frozen=True)
 class Along:
-    """A car's motion along the road.
+    """A car along the road: its motion, and how far its body reaches.
 
     Attributes:
         position_m: front axle, (N,).
         speed_mps: of the front axle along the road, (N,).
         acceleration_mps2: intended, (N,).
+        nose_m: how far the body reaches ahead of the front axle, by its data sheet; 0 for a point.
+        tail_m: how far it reaches behind the front axle, likewise.
     """
 
     position_m: Array
     speed_mps: Array
     acceleration_mps2: Array
+    nose_m: float = 0.0
+    tail_m: float = 0.0
+
+    def clear_to_m(self, ahead: Along) -> Array:
+        """Free road from this car's nose to the tail of the one ahead, m, (N,); negative if they overlap."""
+        return ahead.position_m - ahead.tail_m - self.position_m - self.nose_m
 
 
 class Driver(Frozen):
     """What a neighbour intends. Frozen: all that is random is drawn before t = 0."""
+
+    can_lead: ClassVar[bool] = False
+    """Whether it can drive with nobody ahead of it. A kind says so itself; the others are followers, and
+    refused for the car that is first in its lane."""
 
     kind: Any
 
@@ -62,12 +80,16 @@ class Driver(Frozen):
         return np.zeros(0)
 
     @abstractmethod
-    def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
+    def acceleration_mps2(
+        self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0
+    ) -> Array:
         """Intended acceleration along the road, m/s^2, (N,).
 
         Args:
             time_s: simulated time, s.
             own: this car; its ``acceleration_mps2`` is not yet decided and reads zero.
-            leader: the car ahead (for Vehicle 1 itself: the same as ``own``).
+            leader: the neighbour ahead in the lane, which has decided already; ``None`` if there is none,
+                and only kinds that ``can_lead`` are asked then. Nobody is shown the ego.
             drawn: what :meth:`draw` returned.
+            hold_s: how long the answer is held, s: the control step; 0 in continuous time.
         """

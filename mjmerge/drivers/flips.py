@@ -45,9 +45,13 @@ class Flips(Driver):
         assert drawn is not None, "draw() comes first"
         return drawn
 
-    def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
+    def acceleration_mps2(
+        self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0
+    ) -> Array:
         """See :meth:`Driver.acceleration_mps2`."""
+        del hold_s
         assert drawn is not None, "draw() comes first"
+        assert leader is not None, "it follows"
         yielding = np.count_nonzero(drawn <= time_s, axis=1) % 2 == 1
         gap = np.where(yielding, self.open_gap_m, self.closed_gap_m)
         w = self.bandwidth_radps

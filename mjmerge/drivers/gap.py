@@ -65,6 +65,9 @@ class Gap(Driver):
 
     def problems(self) -> Iterator[tuple[str, str]]:
         """See :meth:`Driver.problems`."""
+        if self.sway is not None and abs(self.sway.amplitude_m) >= self.gap_m:
+            narrow = f"must be less than the gap that sways ({self.gap_m} m)"
+            yield "sway.amplitude_m", f"{narrow}, got {self.sway.amplitude_m}: it would close"
         for i, (before, move) in enumerate(pairwise(self.moves), start=1):
             end = before.start_s + before.duration_s
             if move.start_s < end:
@@ -98,9 +101,12 @@ class Gap(Driver):
         del drawn
         return np.array([t for move in self.moves for t in (move.start_s, move.start_s + move.duration_s)])
 
-    def acceleration_mps2(self, time_s: float, own: Along, leader: Along, drawn: Array | None) -> Array:
+    def acceleration_mps2(
+        self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0
+    ) -> Array:
         """See :meth:`Driver.acceleration_mps2`."""
-        del drawn
+        del drawn, hold_s
+        assert leader is not None, "it follows"
         gap, rate, acceleration = self.profile(time_s)
         gap_error = leader.position_m - own.position_m - gap
         rate_error = leader.speed_mps - own.speed_mps - rate

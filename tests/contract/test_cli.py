@@ -204,8 +204,12 @@ def test_list_names_every_kind_and_entry(capsys):
         "flips",
         "rc",
         "literal",
+        "leader_brakes",
+        "stop_and_go",
         "steady",
         "gap",
+        "speeds",
+        "idm",
         "double_integrator",
         "mujoco",
     ):

@@ -229,6 +229,8 @@ def test_drivers_name_every_time_at_which_they_jump(kind):
         "gap": load("paper").drivers.vehicle_2,
         "flips": load("flips").drivers.vehicle_2,
         "steady": load("paper").drivers.vehicle_1,
+        "speeds": load("stop_and_go").drivers.vehicle_1,
+        "idm": load("stop_and_go").drivers.vehicle_2,
     }[kind]
     drawn = driver.draw([np.random.default_rng(1)], 30.0)
     own, leader = (Along(np.array([x]), np.array([v]), np.zeros(1)) for x, v in ((-2.0, 2.0), (0.0, 2.05)))
@@ -242,4 +244,23 @@ def test_drivers_name_every_time_at_which_they_jump(kind):
     jumps = np.flatnonzero(np.abs(np.diff([u(t) for t in times])) > 0.01)
     for at in times[jumps]:
         assert np.abs(named - at).min() <= 1.001e-3
-    assert (len(jumps) > 0) == (kind != "steady")
+    assert (len(jumps) > 0) == (kind not in ("steady", "idm"))
+
+
+@pytest.mark.parametrize("plant", ["double_integrator", "bicycle"])
+@pytest.mark.parametrize("name", ["leader_brakes", "stop_and_go"])
+def test_braking_queues_are_the_limit_of_those_whose_commands_are_held(name, plant):
+    changes = ["duration_s=12"]
+    exact = simulate(load(name, changes), plant, continuous=True)
+    off = []
+    for h in (0.02, 0.01):
+        trace = simulate(load(name, [*changes, f"control_step_s={h}"]), plant)
+        every = round(0.02 / h)
+        off.append(np.abs(trace.front_m[0, ::every] - exact.front_m[0, ::2]).max(axis=(0, 2)))
+        assert trace.velocity_mps[0, :, 1:, 0].min() > -1e-9  # nobody reverses
+        speed_off = trace.velocity_mps[0, ::every, 1] - exact.velocity_mps[0, ::2, 1]
+        assert np.abs(speed_off).max() < 1e-9  # Vehicle 1 is on its profile, whatever the hold
+    assert exact.velocity_mps[0, :, 1:, 0].min() > -1e-9
+    assert off[1][1] <= 4 * 0.01**2 / 8 + 1e-9  # a change that ends between ticks
+    assert off[1].max() < 0.02
+    assert (off[1][[0, 2]] < 0.6 * off[0][[0, 2]]).all()

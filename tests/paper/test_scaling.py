@@ -17,9 +17,9 @@ from mjmerge.scenario import Belief, Scenario
 from mjmerge.trace import COLUMNS
 from mjmerge.units import unit
 
-NAMES = ("paper", "charge", "flips", "blocked")
+NAMES = ("paper", "charge", "flips", "blocked", "leader_brakes", "stop_and_go")
 SHIPPED = [load(name) for name in NAMES]
-DIMENSIONLESS = {"k_w", "z", "mu", "z_floor", "at_least"}
+DIMENSIONLESS = {"k_w", "z", "mu", "z_floor", "at_least", "exponent"}
 PHYSICAL = {
     "friction", "left_friction", "patch_friction", "side_wind_n", "load_kg", "yaw_inertia", "wheel_radius",
     "front_stiffness", "rear_stiffness", "suspension_stiffness", "torque_limit", "brake_limit",
@@ -71,8 +71,8 @@ def test_and_so_does_the_front_axle_of_a_bicycle_there_whatever_its_wheelbase():
     assert_same_run(scenario, 10.0, "bicycle", 1e-9, ["front_m", "opinion", "mu"], continuous=True)
 
 
-@given(st.sampled_from(["paper", "charge", "flips"]), st.floats(0.05, 50))
-@settings(max_examples=6)
+@given(st.sampled_from(["paper", "charge", "flips", "leader_brakes"]), st.floats(0.05, 50))
+@settings(max_examples=8)
 def test_the_bicycle_runs_the_same_at_any_size_under_a_hold_too(name, length):
     scenario = load(name, ["duration_s=6", "belief.wheelbase_m=0.35"])
     assert_same_run(scenario, length, "bicycle", 1e-9, BICYCLE)

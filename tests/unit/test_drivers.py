@@ -1,19 +1,24 @@
 """Drivers: what every kind promises, and what each profile is."""
 
-from math import pi, sin
+from dataclasses import replace
+from itertools import product
+from math import pi, sin, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from mjmerge.drivers import Along, kinds
+from mjmerge.drivers import Along, Traffic, kinds
 from mjmerge.drivers.flips import Flips
 from mjmerge.drivers.gap import Gap, Move, Sway
+from mjmerge.drivers.idm import Idm
 from mjmerge.drivers.lane import keep_lane
+from mjmerge.drivers.speeds import Change, Speeds
 from mjmerge.drivers.steady import Steady
-from mjmerge.loader import load
+from mjmerge.errors import MjmergeError
+from mjmerge.loader import car_sheets, load
 
 
 def example(kind):
@@ -26,20 +31,33 @@ def generators(seeds):
     return [np.random.default_rng(s) for s in seeds]
 
 
+def columns(*cars):
+    """The arrays of what a driver is shown."""
+    return [a for car in cars for a in (car.position_m, car.speed_mps, car.acceleration_mps2)]
+
+
+def one(car, row):
+    """One simulation of a car."""
+    return replace(car, **{name: a[row] for name, a in vars(car).items() if isinstance(a, np.ndarray)})
+
+
 def moving(runs, seed=0):
     """A follower some metres behind a leader, in many simulations."""
     rng = np.random.default_rng(seed)
-    own = Along(rng.uniform(-4, -1, runs), rng.uniform(1, 3, runs), np.zeros(runs))
-    return own, Along(rng.uniform(0, 1, runs), rng.uniform(1, 3, runs), rng.uniform(-1, 1, runs))
+    own = Along(rng.uniform(-4, -1, runs), rng.uniform(1, 3, runs), np.zeros(runs), 0.1, 0.5)
+    motion = rng.uniform(0, 1, runs), rng.uniform(1, 3, runs), rng.uniform(-1, 1, runs)
+    return own, Along(*motion, 0.1, 0.5)
 
 
 @pytest.mark.parametrize("kind", sorted(kinds()))
 @pytest.mark.parametrize("runs", [1, 3])
-def test_every_kind_gives_one_finite_acceleration_per_simulation(kind, runs):
+@pytest.mark.parametrize("hold_s", [0.0, 0.01, 1.0])
+def test_every_kind_gives_one_finite_acceleration_per_simulation(kind, runs, hold_s):
     driver = example(kind)
     drawn = driver.draw(generators(range(runs)), 10.0)
-    for time_s in (0.0, 0.5, 7.3, 10.0):
-        u = driver.acceleration_mps2(time_s, *moving(runs), drawn)
+    own, leader = moving(runs)
+    for time_s, ahead in product((0.0, 0.5, 7.3, 10.0), (leader, None) if driver.can_lead else (leader,)):
+        u = driver.acceleration_mps2(time_s, own, ahead, drawn, hold_s)
         assert u.shape == (runs,)
         assert u.dtype == np.float64
         assert np.isfinite(u).all()
@@ -50,12 +68,12 @@ def test_every_kind_answers_the_same_to_the_same_question_and_leaves_it_alone(ki
     driver = example(kind)
     drawn = driver.draw(generators(range(4)), 10.0)
     own, leader = moving(4)
-    before = [a.copy() for a in (*vars(own).values(), *vars(leader).values())]
+    before = [a.copy() for a in columns(own, leader)]
     kept = None if drawn is None else drawn.copy()
     late, early = (driver.acceleration_mps2(t, own, leader, drawn) for t in (9.0, 2.0))
     assert np.array_equal(driver.acceleration_mps2(9.0, own, leader, drawn), late)
     assert np.array_equal(driver.acceleration_mps2(2.0, own, leader, drawn), early)
-    for old, new in zip(before, (*vars(own).values(), *vars(leader).values()), strict=True):
+    for old, new in zip(before, columns(own, leader), strict=True):
         assert np.array_equal(old, new)
     assert kept is None or np.array_equal(kept, drawn)
 
@@ -79,8 +97,7 @@ def test_every_kind_does_in_a_batch_what_it_does_alone(kind):
         alone = driver.draw(generators([i]), 10.0)
         assert (alone is None) == (together is None)
         assert alone is None or np.array_equal(alone[0], together[i])
-        o, lead = (Along(*(a[row] for a in vars(x).values())) for x in (own, leader))
-        assert driver.acceleration_mps2(3.0, o, lead, alone)[0] == u[i]
+        assert driver.acceleration_mps2(3.0, one(own, row), one(leader, row), alone)[0] == u[i]
 
 
 PAPER = load("paper").drivers.vehicle_2
@@ -230,6 +247,172 @@ def test_a_steady_leader_returns_to_its_speed():
     leader = Steady(speed_mps=2.0, gain_per_s=1.5)
     own = Along(np.zeros(3), np.array([1.0, 2.0, 4.0]), np.zeros(3))
     assert leader.acceleration_mps2(0.0, own, own, None) == pytest.approx([1.5, 0.0, -3.0])
+
+
+@st.composite
+def profiles(draw):
+    """A driver of a speed profile with up to four changes, far enough apart."""
+    first = speed = draw(st.floats(0, 30))
+    changes, free_s = [], 0.0
+    for _ in range(draw(st.integers(0, 4))):
+        start_s, rate = free_s + draw(st.floats(0, 3)), draw(st.floats(0.2, 9))
+        wanted = draw(st.just(0.0) | st.floats(0, 30))
+        changes.append(Change(start_s=start_s, rate_mps2=rate, speed_mps=wanted))
+        free_s, speed = start_s + abs(wanted - speed) / rate, wanted
+    return Speeds(speed_mps=first, changes=tuple(changes))
+
+
+def followed(driver, v, hold_s, until_s, leader=None):
+    """Speeds of a point mass that does as a driver says, a row per hold; as exact as floating point."""
+    x, speeds = np.zeros_like(v), [v]
+    for k in range(round(until_s / hold_s)):
+        ahead = None if leader is None else leader(k * hold_s)
+        u = driver.acceleration_mps2(k * hold_s, Along(x, v, np.zeros_like(v)), ahead, None, hold_s)
+        x, v = x + hold_s * v + hold_s**2 / 2 * u, v + hold_s * u
+        speeds.append(v)
+    return np.array(speeds)
+
+
+@given(profiles(), st.floats(0, 60))
+def test_a_change_of_speed_ends_when_its_rate_says_and_is_a_straight_line(driver, time_s):
+    assert not list(driver.problems())
+    speed = driver.speed_mps
+    for change in driver.changes:
+        lasts_s = abs(change.speed_mps - speed) / change.rate_mps2
+        for part in (0.0, 0.25, 1.0):
+            there = speed + part * (change.speed_mps - speed)
+            assert driver.profile_mps(change.start_s + part * lasts_s) == pytest.approx(there, abs=1e-9)
+        speed = change.speed_mps
+    assert driver.profile_mps(1e3) == speed
+    h = 1e-6
+    if all(abs(time_s - at) > 2 * h for at in driver.switches(None)):
+        slope = (driver.profile_mps(time_s + h) - driver.profile_mps(time_s - h)) / (2 * h)
+        assert driver.rate_mps2(time_s, 0.0) == pytest.approx(slope, abs=1e-6)
+
+
+@given(profiles(), st.sampled_from([0.01, 0.037, 0.2]))
+@settings(max_examples=30)
+def test_at_every_tick_a_leader_on_its_profile_has_the_speed_it_says_whatever_the_hold(driver, hold_s):
+    speeds = followed(driver, np.array([driver.speed_mps]), hold_s, 20.0)[:, 0]
+    said = [driver.profile_mps(k * hold_s) for k in range(len(speeds))]
+    assert speeds == pytest.approx(said, abs=1e-9)
+
+
+@given(profiles(), st.lists(st.floats(0, 60), min_size=1, max_size=3), st.floats(0.005, 1.0))
+@settings(max_examples=30)
+def test_a_leader_that_is_off_its_profile_never_reverses_and_comes_back_to_it(driver, v, hold_s):
+    speeds = followed(driver, np.array(v), hold_s, 80.0 + hold_s)
+    assert speeds.min() > -1e-9
+    last = max([0.0, *driver.switches(None)])
+    if last < 60:
+        assert speeds[-1] == pytest.approx(driver.profile_mps(80.0), abs=1e-6)
+
+
+def test_a_leader_told_to_stand_asks_for_nothing_at_a_stand_and_starts_when_told():
+    stop = Change(start_s=1.0, rate_mps2=4.0, speed_mps=0.0)
+    driver = Speeds(speed_mps=2.0, changes=(stop, Change(start_s=9.0, rate_mps2=1.0, speed_mps=1.0)))
+    still = Along(np.zeros(2), np.zeros(2), np.zeros(2))
+    for hold_s in (0.0, 0.01):
+        for time_s, u in ((1.5, 0.0), (8.9, 0.0), (9.0, 1.0), (9.5, 1.0 + 2 * 0.5)):
+            assert driver.acceleration_mps2(time_s, still, None, None, hold_s) == pytest.approx(u, abs=1e-9)
+
+
+def test_changes_of_speed_that_overlap_or_are_out_of_order_are_told_and_those_that_meet_are_not():
+    first, second = (Change(start_s=t, rate_mps2=4.0, speed_mps=v) for t, v in ((5.0, 0.0), (5.2, 1.0)))
+    for changes in ((first, second), (second, first)):
+        (problem,) = Speeds(speed_mps=2.0, changes=changes).problems()
+        assert problem[0] == "changes.1.start_s"
+    meets = Change(start_s=5.5, rate_mps2=1.0, speed_mps=1.0)
+    assert not list(Speeds(speed_mps=2.0, changes=(first, meets)).problems())
+
+
+idms = st.builds(
+    Idm,
+    desired_speed_mps=st.floats(1, 40),
+    time_gap_s=st.floats(0, 3),
+    standstill_gap_m=st.floats(0.2, 5),
+    max_acceleration_mps2=st.floats(0.3, 3),
+    comfortable_deceleration_mps2=st.floats(0.5, 5),
+    exponent=st.floats(1, 8),
+)
+
+
+@given(idms, st.floats(0.0, 0.98), st.floats(0, 3), st.floats(0, 6))
+def test_an_idm_at_its_equilibrium_gap_from_bumper_to_bumper_keeps_its_speed(idm, part, nose_m, tail_m):
+    v = np.array([part * idm.desired_speed_mps])
+    gap = idm.equilibrium_gap_m(v)
+    reach = idm.standstill_gap_m + v * idm.time_gap_s
+    assert gap == pytest.approx(reach / sqrt(1 - part**idm.exponent), rel=1e-9)
+    own, ahead = (Along(x, v, np.zeros(1), nose_m, tail_m) for x in (np.zeros(1), gap + nose_m + tail_m))
+    assert idm.acceleration_mps2(0.0, own, ahead, None) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_idm_accelerates_and_brakes_as_the_published_equation_says():
+    """v_0 = 120 km/h, T = 1.6 s, s_0 = 2 m, a = 0.73, b = 1.67, delta = 4 (the paper's table), by hand."""
+    idm = Idm(desired_speed_mps=120 / 3.6, time_gap_s=1.6, standstill_gap_m=2.0)
+    own = Along(np.zeros(3), np.array([0.0, 20.0, 20.0]), np.zeros(3))
+    assert idm.acceleration_mps2(0.0, own, None, None) == pytest.approx([0.73, 0.635392, 0.635392], abs=1e-6)
+    ahead = Along(np.array([50.0, 50.0, 60.0]), np.array([0.0, 20.0, 15.0]), np.zeros(3))
+    s_star = np.array([2.0, 34.0, 2 + 32 + 20 * 5 / (2 * sqrt(0.73 * 1.67))])
+    wanted = 0.73 * (1 - np.array([0.0, 0.6, 0.6]) ** 4 - (s_star / np.array([50.0, 50.0, 60.0])) ** 2)
+    assert idm.acceleration_mps2(0.0, own, ahead, None) == pytest.approx(wanted, abs=1e-9)
+
+
+@given(idms, st.floats(-1, 60), st.floats(-1, 60), st.floats(-20, 200), st.sampled_from([0.0, 0.01, 1.0]))
+def test_an_idm_stays_within_its_bounds_whatever_it_meets_overlapping_bodies_too(idm, v, v_l, x, hold_s):
+    own, ahead = (Along(np.array([p]), np.array([s]), np.zeros(1), 1.0, 3.0) for p, s in ((0, v), (x, v_l)))
+    (u,) = idm.acceleration_mps2(0.0, own, ahead, None, hold_s)
+    assert -idm.limit_mps2 <= u
+    assert u <= (idm.max_acceleration_mps2 if v >= 0 else idm.limit_mps2)
+    assert v < 0 or v + hold_s * u >= -1e-9
+    assert v > 0 or u >= 0
+    if x <= 4.0 and v * idm.stop_gain_per_s >= idm.limit_mps2 and hold_s < 0.1:
+        assert u == -idm.limit_mps2
+
+
+PUBLISHED = Idm(desired_speed_mps=120 / 3.6, time_gap_s=1.6, standstill_gap_m=2.0)
+
+
+@pytest.mark.parametrize(
+    "idm", [load("stop_and_go").drivers.vehicle_2, PUBLISHED], ids=["shipped", "published"]
+)
+@pytest.mark.parametrize("hold_s", [0.01, 0.1])
+def test_a_queue_on_idms_stops_behind_what_stops_stands_and_goes_on(idm, hold_s):
+    v_0 = idm.desired_speed_mps / 2
+    stop = Change(start_s=2.0, rate_mps2=4.0, speed_mps=0.0)
+    lead = Speeds(speed_mps=v_0, changes=(stop, Change(start_s=60.0, rate_mps2=1.0, speed_mps=v_0)))
+    times = np.arange(0, 100 + hold_s, hold_s)
+    lead_mps = np.array([lead.profile_mps(t) for t in times])
+    apart_m = np.array([1.0, 1.2, 2.0]) * idm.equilibrium_gap_m(np.array(v_0))
+    lead_m = apart_m + np.concatenate([[0], np.cumsum((lead_mps[1:] + lead_mps[:-1]) / 2 * hold_s)])[:, None]
+
+    def leader(t):
+        k = round(t / hold_s)
+        return Along(lead_m[k], np.full(3, lead_mps[k]), np.zeros(3))
+
+    speeds = followed(idm, np.full(3, v_0), hold_s, 100.0, leader)
+    n = len(speeds)
+    moved_m = np.concatenate([np.zeros((1, 3)), np.cumsum((speeds[1:] + speeds[:-1]) / 2 * hold_s, axis=0)])
+    gaps = lead_m[:n] - moved_m
+    standing = (times[:n] > 50) & (times[:n] < 60)
+    assert speeds.min() >= -1e-12
+    # near s_0 the model swings, damped by T sqrt(a/(2 s_0)) = 0.42 and 0.68: it stops a little late
+    assert gaps[standing].min() > 0.85 * idm.standstill_gap_m
+    assert gaps[standing].max() < 1.02 * idm.standstill_gap_m
+    assert np.ptp(gaps[standing], axis=0).max() < 0.01 * idm.standstill_gap_m
+    assert (speeds[-1] > 0.9 * v_0).all()
+
+
+@pytest.mark.parametrize("kind", sorted(kinds()))
+def test_who_needs_somebody_ahead_is_refused_where_there_is_nobody(kind):
+    """Whatever has been done to a scenario since it was loaded."""
+    driver, sheets = example(kind), car_sheets(load("paper"))[1:]
+    drivers = driver, Steady(speed_mps=2.0)
+    if driver.can_lead:
+        assert Traffic.of(drivers, [0], 10.0, np.zeros((1, 2)), sheets, 0.01).drivers == drivers
+    else:
+        with pytest.raises(MjmergeError, match=f"'{kind}' follows the car ahead"):
+            Traffic.of(drivers, [0], 10.0, np.zeros((1, 2)), sheets, 0.01)
 
 
 def test_lane_keeping_pulls_back_without_crossing_the_lane():
