@@ -8,11 +8,12 @@ is reported, and so the answer is the first break, seen from no mismatch.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from mjmerge.distinct import random
 from mjmerge.errors import MjmergeError, nearest
 from mjmerge.levels import LEVELS
 from mjmerge.mismatch import Mismatch, is_number
@@ -52,12 +53,14 @@ class Tried:
     Attributes:
         value: of the axis.
         failed: whether some seed failed.
+        runs: how many distinct runs that is: seeds are one run where nothing is random.
         row: the worst seed's row, as in :mod:`mjmerge.outcome`.
         case: its run.
     """
 
     value: float
     failed: bool
+    runs: int
     row: Mapping[str, Any]
     case: Case
 
@@ -91,6 +94,11 @@ class Break:
     def again(self) -> tuple[Tried, ...]:
         """Those beyond the first break that passed: the axis is not monotone."""
         return tuple(t for t in self.tried if not t.failed and self.fails and self._less(self.fails, t))
+
+    @property
+    def seeds(self) -> int:
+        """How many distinct runs the seeds are, at the point where they are most."""
+        return max((t.runs for t in self.tried), default=0)
 
     def _less(self, one: Tried, other: Tried) -> bool:
         return abs(one.value - self.range.start) < abs(other.value - self.range.start)
@@ -206,19 +214,23 @@ def search(
     check(source, plant, axes, settings, across=across, until=until)
     tried: list[list[Tried]] = [[] for _ in lines]
 
+    def point(settings: Mapping[str, Any]) -> list[Case]:
+        first = batches.case(source, plant, settings, seed=seeds[0], lenient=True)
+        here = first.batch.scenario.model_copy(update={"mismatch": first.mismatch})
+        return [replace(first, seed=seed) for seed in (seeds if random(here, plant) else seeds[:1])]
+
     def evaluate(wanted: Sequence[Sequence[float]]) -> None:
-        cases = [
-            batches.case(source, plant, {**fixed, axis.key: value}, seed=seed, lenient=True)
+        points = [
+            [point({**fixed, axis.key: value}) for value in values]
             for (axis, _, fixed), values in zip(lines, wanted, strict=True)
-            for value in values
-            for seed in seeds
         ]
-        rows = iter(zip(measured(planned("breaking", "", cases), team).to_pylist(), cases, strict=True))
-        for (axis, _, _), values, found in zip(lines, wanted, tried, strict=True):
-            for value in values:
-                of = [next(rows) for _ in seeds]
+        cases = [case for along in points for those in along for case in those]
+        rows = iter(measured(planned("breaking", "", cases), team).to_pylist())
+        for (axis, _, _), values, along, found in zip(lines, wanted, points, tried, strict=True):
+            for value, those in zip(values, along, strict=True):
+                of = [(next(rows), case) for case in those]
                 row, case = max(of, key=lambda one: (_failed(one[0], until), -margin(one[0])))
-                found.append(Tried(value, _failed(row, until), row, case))
+                found.append(Tried(value, _failed(row, until), len(those), row, case))
             found.sort(key=lambda t: abs(t.value - axis.start))
 
     def results() -> list[Break]:
@@ -231,7 +243,7 @@ def search(
     while any(wanted):
         turn += 1
         if progress is not None:
-            progress(f"round {turn}: {sum(map(len, wanted)) * len(seeds)} runs")
+            progress(f"round {turn}: {sum(map(len, wanted))} points, each with up to {len(seeds)} seeds")
         evaluate(wanted)
         wanted = [_within(found) for found in results()]
     return results()

@@ -20,7 +20,12 @@ FILES = ("breaking.png", "breaking.csv", "breaking.md")
 
 
 def write(
-    found: Sequence[Break], folder: Path, title: str, until: Until, across: Range | None = None
+    found: Sequence[Break],
+    folder: Path,
+    title: str,
+    until: Until,
+    across: Range | None = None,
+    seeds: int = 1,
 ) -> None:
     """Plot, every point that was run, and text."""
     figure = _frontier(found, title, across) if across is not None else _lines(found, title, until)
@@ -33,10 +38,18 @@ def write(
     ]
     header = ("axis", "value", across.key if across else "other", "failed", *head)
     save_rows([header, *rows], folder / "breaking.csv")
-    put(folder / "breaking.md", markdown(found, title, until, across))
+    put(folder / "breaking.md", markdown(found, title, until, across, seeds))
 
 
-def markdown(found: Sequence[Break], title: str, until: Until, across: Range | None = None) -> str:
+def seed_notes(found: Sequence[Break], seeds: int) -> list[str]:
+    """Where so many seeds were asked for and are all the same run, a line per axis."""
+    axes = dict.fromkeys(one.range.key for one in found if one.seeds < seeds)
+    return [f"nothing is random along {axis}: {seeds} seeds are one run, which was run once" for axis in axes]
+
+
+def markdown(
+    found: Sequence[Break], title: str, until: Until, across: Range | None = None, seeds: int = 1
+) -> str:
     """The intervals as a table."""
     what = "d_j <= 0 or bodies that touch" if until == "unsafe" else "a broken safety floor"
     lines = [f"# Breaking points of {title}", "", f"The smallest mismatch with {what}.", ""]
@@ -47,6 +60,7 @@ def markdown(found: Sequence[Break], title: str, until: Until, across: Range | N
         cells = [one.range.key, *([f"{one.fixed:.4g}"] if across else []), one.text]
         cells += [_least(one.passes), _least(one.fails), _first(one), _beyond(one)]
         lines.append("| " + " | ".join(cells) + " |")
+    lines += [line for note in seed_notes(found, seeds) for line in ("", note[0].upper() + note[1:] + ".")]
     return "\n".join([*lines, "", "![Breaking points](breaking.png)"]) + "\n"
 
 
@@ -74,6 +88,7 @@ def as_json(found: Sequence[Break], across: Range | None = None) -> list[dict[st
             "min_distance_before_m": one.passes.row["min_distance_m"] if one.passes else None,
             "min_distance_after_m": one.fails.row["min_distance_m"] if one.fails else None,
             "first_broken": cause(one.fails.row) if one.fails else None,
+            "distinct_seeds": one.seeds,
             "passes_again_at": [t.value for t in one.again],
             "command": " ".join(("mjmerge", *one.fails.case.command)) if one.fails else None,
         }

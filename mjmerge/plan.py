@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from mjmerge.checks import check
+from mjmerge.distinct import labels, same_as
 from mjmerge.document import Document, parse, scalar
 from mjmerge.effect import covers, defaults, given_in_vain
 from mjmerge.errors import Problem, ScenarioError
@@ -97,13 +98,17 @@ class Plan:
         axes: scenario keys that some run sets, in the order they come up.
         cases: every run.
         left_out: why, and axes of ``levels`` that were left out for it.
+        same_as: of each run, the first that is the same run, see :mod:`mjmerge.distinct`.
+        labels: what each source of a scenario is called.
     """
 
     name: str
     description: str
     axes: tuple[str, ...]
     cases: tuple[Case, ...]
-    left_out: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    left_out: Mapping[str, tuple[str, ...]]
+    same_as: tuple[int, ...]
+    labels: Mapping[str, str]
 
 
 def planned(
@@ -115,7 +120,8 @@ def planned(
     """A plan of these runs."""
     keys = dict.fromkeys(text.partition("=")[0] for case in cases for text in case.overrides)
     axes = tuple(key for key in keys if key != VARIANT)
-    return Plan(name, description, axes, tuple(cases), left_out or {})
+    called = labels(list(dict.fromkeys(case.batch.source for case in cases)))
+    return Plan(name, description, axes, tuple(cases), left_out or {}, same_as(cases), called)
 
 
 class Batches:

@@ -135,6 +135,8 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("saturated", ", ".join(busy) or "never")
     grid.add_row("hypotheses", _broken(found["hypotheses"]))
     grid.add_row("decision", _hesitation(found["decision"]))
+    if found.get("distinct_runs", found["runs"]) < found["runs"]:
+        grid.add_row("distinct runs", "1: nothing is random here, and every seed gives the same run")
     if found.get("no_effect"):
         grid.add_row("no effect", ", ".join(found["no_effect"]))
     reasons = [found["verdict_reason"], *found.get("verdict_doubts", ())]

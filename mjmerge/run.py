@@ -17,6 +17,7 @@ from mjmerge import share
 from mjmerge.acceptance import Acceptance, acceptance
 from mjmerge.bounds import check_runs
 from mjmerge.contract import Verdict, judge
+from mjmerge.distinct import random
 from mjmerge.effect import check as check_effect
 from mjmerge.effect import told
 from mjmerge.errors import MjmergeError, OutputError
@@ -162,6 +163,7 @@ def run(
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
         found |= _ground(scenario, plant, continuous)
+        found["distinct_runs"] = runs if random(scenario, plant, continuous=continuous) else 1
         for receiver in (recording, viewer):
             if receiver is not None:
                 receiver.close(_outcome(trace, verdicts[0], found))
@@ -255,7 +257,7 @@ def _record_again(
         )
         (verdict,) = judge(alone)
         found = summary(alone, [verdict], 1.0)
-        found |= _ground(scenario, trace.plant, trace.continuous)
+        found |= _ground(scenario, trace.plant, trace.continuous) | {"distinct_runs": 1}
         recording.close(_outcome(alone, verdict, found))
     return recording.failures
 

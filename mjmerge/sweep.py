@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mjmerge.distinct import SAME
 from mjmerge.outcome import FLAGS, NUMBERS, TEXTS
 from mjmerge.plan import Plan
 from mjmerge.record.manifest import versions
@@ -107,7 +108,8 @@ def _described(plan: Plan, at: Sequence[int]) -> dict[str, pa.Array]:
     columns: dict[str, pa.Array] = {
         "run": pa.array(at, pa.int64()),
         "campaign": pa.array([plan.name] * len(cases), pa.string()),
-        "scenario": pa.array([c.batch.scenario.name for c in cases], pa.string()),
+        SAME: pa.array([plan.same_as[i] for i in at], pa.int64()),
+        "scenario": pa.array([plan.labels[c.batch.source] for c in cases], pa.string()),
         "plant": pa.array([c.batch.plant for c in cases], pa.string()),
         "variant": pa.array([c.batch.scenario.law.variant for c in cases], pa.string()),
         "mismatch": pa.array([c.point for c in cases], pa.string()),

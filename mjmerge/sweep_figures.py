@@ -21,14 +21,27 @@ _OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}
 
 def figures(plan: Plan, rows: Rows) -> Iterator[tuple[str, Figure]]:
     """Every figure and its file."""
+    names = _file_names([row["scenario"] for row in rows])
     for (scenario, plant), group in groups(rows, ("scenario", "plant")).items():
         named = [row for row in group if row["mismatch"] not in (GRID, RANDOM)]
         if len({row["mismatch"] for row in named}) > 1:
-            yield f"margins_{scenario}_{plant}.png", _margins(f"{scenario} on {plant}", named)
+            yield f"margins_{names[scenario]}_{plant}.png", _margins(f"{scenario} on {plant}", named)
         rest = [row for row in group if row["mismatch"] in (GRID, RANDOM)]
         axes = [axis for axis in plan.axes if _spread(axis, rest)]
         if axes:
-            yield f"axes_{scenario}_{plant}.png", _clouds(f"{scenario} on {plant}", rest, axes[:_MOST_PANELS])
+            figure = _clouds(f"{scenario} on {plant}", rest, axes[:_MOST_PANELS])
+            yield f"axes_{names[scenario]}_{plant}.png", figure
+
+
+def _file_names(scenarios: Sequence[str]) -> dict[str, str]:
+    """What of a file's name stands for each scenario: paths without their slashes, all different."""
+    found: dict[str, str] = {}
+    for scenario in dict.fromkeys(scenarios):
+        name = scenario.strip("/").replace("/", "-")
+        while name in found.values():
+            name += "-"
+        found[scenario] = name
+    return found
 
 
 def _spread(axis: str, rows: Rows) -> bool:

@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjmerge.campaign import GRID, RANDOM
+from mjmerge.distinct import distinct
+from mjmerge.effect import told
 from mjmerge.figures import save
+from mjmerge.mismatch import Mismatch
 from mjmerge.outcome import EMPTY, FAILED, PASSED, Rows, cause, groups
 from mjmerge.outputs import put
 from mjmerge.plan import Plan
@@ -32,8 +35,8 @@ _FEW = 12  # an axis of no more values is tabled value by value, another in quar
 
 
 def failure_rate(rows: Rows) -> Rate:
-    """How many failed, of those that were not vacuous."""
-    counts = Counter(row["outcome"] for row in rows)
+    """How many failed, of those that were not vacuous; of copies of a run, one counts."""
+    counts = Counter(row["outcome"] for row in distinct(rows))
     return clopper_pearson(counts[FAILED], counts[FAILED] + counts[PASSED])
 
 
@@ -43,21 +46,25 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
     return {
         "campaign": plan.name,
         "runs": len(rows),
+        "distinct": len(distinct(rows)),
+        "left_out": {why: list(axes) for why, axes in plan.left_out.items()},
         "outcomes": {name: sum(row["outcome"] == name for row in rows) for name in (PASSED, EMPTY, FAILED)},
         "failure_rate": _as_json(failure_rate(rows)),
         "groups": [
             dict(zip(("scenario", "plant", "variant"), key, strict=True))
             | {
                 "runs": len(group),
-                "vacuous": sum(row["outcome"] == EMPTY for row in group),
+                "distinct": len(distinct(group)),
+                "no_effect": list(_idle(plan, group)),
+                "vacuous": _vacuous(group),
                 "failure_rate": _as_json(failure_rate(group)),
                 "min_distance_m": _least(group),
             }
             for key, group in groups(rows).items()
         ],
         "stopped": sum(row["stopped"] is not None for row in rows),
-        "touching_with_margin": len(_runs_with("touching_in_margin_s", rows)),
-        "clear_without_margin": len(_runs_with("clear_without_margin_s", rows)),
+        "touching_with_margin": len(_runs_with("touching_in_margin_s", distinct(rows))),
+        "clear_without_margin": len(_runs_with("clear_without_margin_s", distinct(rows))),
         "worst": [
             {
                 "run": row["run"],
@@ -78,31 +85,62 @@ def write(plan: Plan, table: pa.Table, folder: Path) -> None:
     for name, figure in figures(plan, rows):
         save(figure, folder / name)
         drawn.append(name)
-    put(folder / REPORT, "\n".join(_lines(plan, rows, drawn)) + "\n")
+    put(folder / REPORT, "\n".join(_lines(plan, rows, drawn, notes(plan, table))) + "\n")
 
 
 def rich_table(table: pa.Table) -> Table:
     """Failure rates for the terminal."""
     from rich.table import Table
 
-    grid = Table(
-        "scenario", "plant", "law", "runs", "vacuous", "failed", "least d_j", box=None, pad_edge=False
-    )
+    columns = ("scenario", "plant", "law", "runs", "distinct", "vacuous", "failed", "least d_j")
+    grid = Table(*columns, box=None, pad_edge=False)
     for key, group in groups(table.to_pylist()).items():
-        vacuous = sum(row["outcome"] == EMPTY for row in group)
-        grid.add_row(
-            *key, str(len(group)), str(vacuous), str(failure_rate(group)), _metres(_least(group)) + " m"
-        )
+        counts = map(str, (len(group), len(distinct(group)), _vacuous(group), failure_rate(group)))
+        grid.add_row(*key, *counts, _metres(_least(group)) + " m")
     return grid
 
 
+def notes(plan: Plan, table: pa.Table) -> list[str]:
+    """What a reader of the rates has to know, a line each: copies, axes left out, keys without effect."""
+    rows: Rows = table.to_pylist()
+    found = []
+    copies = len(rows) - len(distinct(rows))
+    if copies:
+        found.append(
+            f"{copies} of {len(rows)} runs are copies of others (the same scenario, plant and mismatch, with "
+            "the same seed, or where nothing is random): each run counts once"
+        )
+    found += [f"left out of the levels: {', '.join(axes)} ({why})" for why, axes in plan.left_out.items()]
+    for (scenario, _), group in groups(rows, ("scenario", "plant")).items():
+        idle = _idle(plan, group)
+        found += [f"the {key} of {scenario} is without effect: it {why}" for key, why in idle.items()]
+    return found
+
+
+def _idle(plan: Plan, rows: Rows) -> dict[str, str]:
+    """What the scenario of some rows says itself and is without effect in all of them, and why."""
+    cases = [plan.cases[row["run"]] for row in rows]
+    seen: dict[tuple[int, Mismatch], dict[str, str]] = {}
+    for case in cases:
+        key = id(case.batch), case.mismatch
+        if key not in seen:
+            here = case.batch.scenario.model_copy(update={"mismatch": case.mismatch})
+            seen[key] = told(here, case.batch.plant, continuous=case.batch.continuous)
+    every = list(seen.values())
+    return {key: why for key, why in every[0].items() if all(key in other for other in every)}
+
+
+def _vacuous(rows: Rows) -> int:
+    return sum(row["outcome"] == EMPTY for row in distinct(rows))
+
+
 def worst(rows: Rows) -> Rows:
-    """The runs that came closest; one without data is worse than any other."""
+    """The runs that came closest, of copies one; one without data is worse than any other."""
 
     def margin(row: dict[str, Any]) -> float:
         return -np.inf if row["min_distance_m"] is None else float(row["min_distance_m"])
 
-    return sorted(rows, key=margin)[:WORST]
+    return sorted(distinct(rows), key=margin)[:WORST]
 
 
 def command(plan: Plan, row: Mapping[str, Any]) -> str:
@@ -131,29 +169,35 @@ def _runs_with(column: str, rows: Rows) -> Rows:
     return [row for row in rows if row[column]]
 
 
-def _lines(plan: Plan, rows: Rows, drawn: Sequence[str]) -> Iterator[str]:
+def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str]) -> Iterator[str]:
     yield f"# Sweep {plan.name}"
     yield ""
     if plan.description:
         yield f"{plan.description}\n"
-    told = ", ".join(f"{name} {version}" for name, version in versions().items())
-    yield f"{len(rows)} runs; all rows are in `table.parquet`. Made with {told}."
+    made_with = ", ".join(f"{name} {version}" for name, version in versions().items())
+    count = f"{len(rows)} runs, {len(distinct(rows))} distinct"
+    yield f"{count}; all rows are in `table.parquet`. Made with {made_with}."
     yield ""
+    for note in remarks:
+        yield f"- {note}"
+    yield from [""] if remarks else []
     yield "## Failures"
     yield ""
     yield (
         "A run has failed if it did not keep its scenario's safety floor to the end: also if it ended early, "
         "or has no data. A vacuous run (safe, but nothing challenged the barrier) counts neither way. "
-        f"Rates are failed / (failed + passed), with Clopper-Pearson intervals at {CONFIDENCE:.0%}."
+        f"Rates are failed / (failed + passed) of distinct runs, with Clopper-Pearson intervals at "
+        f"{CONFIDENCE:.0%}."
     )
     yield ""
     yield from _table(
-        ("scenario", "plant", "law", "runs", "vacuous", "failed", "least d_j (m)"),
+        ("scenario", "plant", "law", "runs", "distinct", "vacuous", "failed", "least d_j (m)"),
         [
             (
                 *key,
                 len(group),
-                sum(row["outcome"] == EMPTY for row in group),
+                len(distinct(group)),
+                _vacuous(group),
                 failure_rate(group),
                 _metres(_least(group)),
             )
@@ -206,7 +250,7 @@ def _by_name(rows: Rows) -> Iterator[str]:
 
 
 def _cell(rows: Rows) -> str:
-    text = _metres(_least(rows))
+    text, rows = _metres(_least(rows)), distinct(rows)
     failed = sum(row["outcome"] == FAILED for row in rows)
     if failed:
         return f"**{text}**" + (f" ({failed} of {len(rows)})" if len(rows) > 1 else "")
@@ -251,7 +295,7 @@ def _slices(axis: str, rows: Rows) -> Iterator[tuple[str, Rows]]:
 
 
 def _causes(rows: Rows) -> Iterator[str]:
-    failed = [row for row in rows if row["outcome"] == FAILED]
+    failed = [row for row in distinct(rows) if row["outcome"] == FAILED]
     if not failed:
         return
     yield "## What broke first"
@@ -266,7 +310,7 @@ def _causes(rows: Rows) -> Iterator[str]:
 
 
 def _collisions(rows: Rows) -> Iterator[str]:
-    bodies = [row for row in rows if row["min_clearance_m"] is not None]
+    bodies = [row for row in distinct(rows) if row["min_clearance_m"] is not None]
     if not bodies:
         return
     touched = [row for row in bodies if row["first_contact_s"] is not None]

@@ -83,16 +83,17 @@ class Sweep:
         folder = self.out or Path("sweeps") / planned.name
         with runs_bar(len(planned.cases)) as progress:
             found = sweep(planned, folder, processes=self._processes(), progress=progress)
-        for why, axes in planned.left_out.items():
-            print(f"mjmerge: left out of the levels: {', '.join(axes)} ({why})", file=sys.stderr)
         sweep_report.write(planned, found, folder)
         summary = sweep_report.summary(planned, found)
         if self.json:
             print(json.dumps(summary | {"out": str(folder)}))
         else:
             console = Console(highlight=False)
-            console.print(f"[bold]{planned.name}[/], {len(planned.cases)} runs")
+            count = f"{len(planned.cases)} runs, {summary['distinct']} distinct"
+            console.print(f"[bold]{planned.name}[/], {count}")
             console.print(sweep_report.rich_table(found))
+            for note in sweep_report.notes(planned, found):
+                console.print(note, markup=False, soft_wrap=True)
             if summary["worst"]:
                 console.print("the worst run:  ", end="")
                 console.print(summary["worst"][0]["command"], markup=False, soft_wrap=True)
@@ -159,7 +160,7 @@ class Sweep:
                 progress=lambda text: print(text, file=sys.stderr),
             )
         title = f"{name} on {self.plant}"
-        breaking_report.write(found, folder, title, self.until, across)
+        breaking_report.write(found, folder, title, self.until, across, self.seeds)
         if self.json:
             print(
                 json.dumps(
@@ -171,5 +172,7 @@ class Sweep:
             console = Console(highlight=False)
             console.print(f"[bold]{title}[/]: the smallest mismatch that breaks it")
             console.print(breaking_report.rich_table(found, across))
+            for note in breaking_report.seed_notes(found, self.seeds):
+                console.print(note, markup=False, soft_wrap=True)
             console.print(f"plot and every point:  [bold]{folder}[/]", soft_wrap=True)
         return 0

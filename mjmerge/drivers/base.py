@@ -67,6 +67,11 @@ class Driver(Frozen):
         del rngs, duration_s
         return None
 
+    def random(self, duration_s: float) -> bool:
+        """Whether another seed drives otherwise: whether :meth:`draw` draws, and not the same from each."""
+        drawn = self.draw([np.random.default_rng(seed) for seed in (0, 1)], duration_s)
+        return drawn is not None and not np.array_equal(*drawn)
+
     def switches(self, drawn: Array | None) -> Array:
         """When its acceleration may jump though the cars' motion does not, s, (K,): none by default.
 

@@ -40,6 +40,11 @@ class Flips(Driver):
         count = ceil(duration_s / self.hold_min_s) + 1
         return np.stack([np.cumsum(rng.uniform(self.hold_min_s, self.hold_max_s, count)) for rng in rngs])
 
+    def random(self, duration_s: float) -> bool:
+        """See :meth:`Driver.random`: the times are, if there are any, and if they matter."""
+        flips = self.hold_min_s < min(self.hold_max_s, duration_s)
+        return flips and self.open_gap_m != self.closed_gap_m
+
     def switches(self, drawn: Array | None) -> Array:
         """See :meth:`Driver.switches`: the flips."""
         assert drawn is not None, "draw() comes first"

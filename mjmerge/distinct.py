@@ -1,0 +1,103 @@
+"""Which runs are one and the same: a sample is a distinct run, however often it is run.
+
+Another seed gives another run only where something is random: a driver that draws, or noise and dropouts in
+what the ego measures. Without, and wherever scenario, plant, mismatch and seed come up twice, runs are
+copies: equal to the last bit, and no evidence of anything.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjmerge import share
+from mjmerge.effect import acting, declared
+from mjmerge.loader import dump
+from mjmerge.scenario import CARS, Road, Scenario
+
+if TYPE_CHECKING:
+    from mjmerge.plan import Batch, Case
+
+SAME = "same_as"
+"""Column of a table: the number of the first run that is the same run, its own if there is none before it."""
+
+
+def random(scenario: Scenario, plant: str, *, continuous: bool = False) -> bool:
+    """Whether another seed gives another run."""
+    return _drawn(scenario) or _noisy(scenario, plant, continuous)
+
+
+def _drawn(scenario: Scenario) -> bool:
+    return any(getattr(scenario.drivers, car).random(scenario.duration_s) for car in CARS[1:])
+
+
+def _noisy(scenario: Scenario, plant: str, continuous: bool) -> bool:
+    return any(
+        acts.random
+        and getattr(scenario.mismatch, key.partition(".")[2])
+        and acts.why_not(scenario, plant, continuous=continuous) is None
+        for key, acts in declared().items()
+    )
+
+
+def same_as(cases: Sequence[Case]) -> tuple[int, ...]:
+    """For each run, the index of the first that is the same run."""
+    batches: dict[int, tuple[str, bool]] = {}
+    first: dict[object, int] = {}
+    found = []
+    for i, case in enumerate(cases):
+        batch = case.batch
+        if id(batch) not in batches:
+            batches[id(batch)] = _content(batch), _drawn(batch.scenario)
+        content, drawn = batches[id(batch)]
+        here = batch.scenario.model_copy(update={"mismatch": case.mismatch})
+        mismatch = acting(here, batch.plant, continuous=batch.continuous).mismatch
+        seeded = drawn or _noisy(here, batch.plant, batch.continuous)
+        found.append(first.setdefault((content, mismatch, case.seed if seeded else None), i))
+    return tuple(found)
+
+
+def _content(batch: Batch) -> str:
+    """All that runs of a batch depend on but mismatch and seed; equal texts, equal runs."""
+    scenario = acting(batch.scenario, batch.plant, continuous=batch.continuous)
+    plain: dict[str, Any] = {"description": "", "gate": (), "road": Road()}
+    plain["mismatch"] = type(scenario.mismatch)()
+    return f"{batch.plant} {batch.continuous}\n{dump(scenario.model_copy(update=plain))}"
+
+
+def distinct(rows: Sequence[Mapping[str, Any]]) -> list[Any]:
+    """Of rows of a table, the first of each run."""
+    found: dict[object, Mapping[str, Any]] = {}
+    for i, row in enumerate(rows):
+        found.setdefault(row.get(SAME, (i,)), row)
+    return list(found.values())
+
+
+def labels(sources: Sequence[str]) -> dict[str, str]:
+    """What to call scenarios, given as on the command line: by name, and by path where names are not enough.
+
+    The same file has the same label, however it is written; two files never have.
+    """
+    shipped = share.scenarios()
+    paths = {source: _path(shipped.get(source, source)) for source in sources}
+    found: dict[Path, str] = {}
+    for path in dict.fromkeys(paths.values()):
+        others = [other for other in dict.fromkeys(paths.values()) if other != path]
+        parts = path.with_suffix("").parts
+        found[path] = next(
+            (
+                tail
+                for k in range(1, len(parts))
+                if (tail := "/".join(parts[-k:]))
+                not in {"/".join(o.with_suffix("").parts[-k:]) for o in others}
+            ),
+            str(path),
+        )
+    return {source: found[path] for source, path in paths.items()}
+
+
+def _path(source: str | Path) -> Path:
+    """Where it is, however it is written; a link is a file of its own."""
+    return Path(os.path.abspath(source))  # noqa: PTH100 (resolve() follows links)
