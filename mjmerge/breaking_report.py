@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from mjmerge.breaking import Break, Range, Tried, Until, margin
 from mjmerge.figures import COLOURS, LINE, save, save_rows
-from mjmerge.outcome import cause
 from mjmerge.outputs import put
 
 if TYPE_CHECKING:
@@ -87,7 +86,7 @@ def as_json(found: Sequence[Break], across: Range | None = None) -> list[dict[st
             "fails_at": one.fails.value if one.fails else None,
             "min_distance_before_m": one.passes.row["min_distance_m"] if one.passes else None,
             "min_distance_after_m": one.fails.row["min_distance_m"] if one.fails else None,
-            "first_broken": cause(one.fails.row) if one.fails else None,
+            "first_broken": one.fails.row["first_broken"] if one.fails else None,
             "distinct_seeds": one.seeds,
             "passes_again_at": [t.value for t in one.again],
             "command": " ".join(("mjmerge", *one.fails.case.command)) if one.fails else None,
@@ -102,7 +101,7 @@ def _least(tried: Tried | None) -> str:
 
 
 def _first(one: Break) -> str:
-    return "-" if one.fails is None else cause(one.fails.row) or "nothing before it"
+    return "-" if one.fails is None else one.fails.row["first_broken"] or "nothing"
 
 
 def _beyond(one: Break) -> str:

@@ -1,42 +1,45 @@
-"""The paper's hypotheses as monitors on a trace, and the verdict that follows.
+"""The verdict on a run: what it says about the guarantee.
 
-The theorem says: if its hypotheses hold, d_1 and d_2 stay positive. So a run is
+The theorem says: from any safe state on, if its hypotheses hold, d_1 and d_2 stay positive. So a run is
 
-- ``held``: safe, and the barrier was really asked;
-- ``vacuous``: safe, but nothing challenged it;
-- ``assumption broken``: unsafe, after a hypothesis had broken;
-- ``refuted``: unsafe with every hypothesis true: the theorem, or our code, is wrong;
-- ``incomplete``: the simulation ended early without having become unsafe. Never a pass.
+- ``held``: safe, and because of the barrier: without it the ideal plant comes to d_j <= 0, or within r and
+  closer by more than a tenth of r;
+- ``vacuous``: safe, but nothing put the barrier to the test;
+- ``incomplete``: the simulation ended early, or data are missing. Never a pass;
+- ``unresolved``: in continuous time, some d_j fell below what the solver can tell from 0. Never a pass;
+- ``assumption broken``: unsafe, and a hypothesis was broken in the approach;
+- ``refuted``: unsafe with every hypothesis true in the approach: the theorem, or our code, is wrong.
 
-Unsafe means d_j <= 0 or bodies that touch the ego's; in continuous time also a run that had to end as d_j
-reached 0. The safety floor of the scenario is a separate, stricter
-question: it decides the exit code.
+Unsafe means d_j <= 0, or bodies that touch the ego's. The approach is the stretch from the last time that the
+pair in question was comfortably apart (d_j >= r/2) to the moment it is unsafe: from that state the theorem
+starts anew, so what broke and was over before excuses nothing. Every time that a run becomes unsafe counts.
+
+The safety floor of the scenario is a separate, stricter question: it decides the exit code.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import pi
 
 import numpy as np
 
-from mjmerge.actuation import believed_sheets
-from mjmerge.metrics import Event, saturated
-from mjmerge.mismatch import column
-from mjmerge.state import Array, Mask, norm
-from mjmerge.trace import Trace
+from mjmerge.counterfactual import without_barrier_m
+from mjmerge.hypotheses import OBEYS_WINDOW_S, SEEN, Hypothesis, asked
+from mjmerge.metrics import Collision, Event, collisions
+from mjmerge.state import Array, Mask
+from mjmerge.trace import Stop, Trace
 
-HELD, VACUOUS, BROKEN, REFUTED, INCOMPLETE = "held", "vacuous", "assumption broken", "refuted", "incomplete"
-VERDICTS = (HELD, VACUOUS, INCOMPLETE, BROKEN, REFUTED)
+HELD, VACUOUS, INCOMPLETE, UNRESOLVED, BROKEN, REFUTED = (
+    "held", "vacuous", "incomplete", "unresolved", "assumption broken", "refuted",
+)  # fmt: skip
+VERDICTS = (HELD, VACUOUS, INCOMPLETE, UNRESOLVED, BROKEN, REFUTED)
 """From the best to the worst."""
 
-OBEYS_WINDOW_S, OBEYS_MPS = 0.1, 0.1
-"""The ego moves as commanded if over this window its velocity changes as told to within this much."""
-BOUNDED_MPS, BOUNDED_MPS2 = 100.0, 50.0
-"""A neighbour that is faster, or accelerates by more, is no road car: its motion is not bounded."""
-SEEN = 0.02
-"""The ego knows a distance if it is told it to within this part of r (1.2 cm at the paper's scale)."""
+NEEDED = 0.1
+"""The barrier was needed if without it the ideal comes within r, and closer by more than this part of r."""
+COMFORTABLE = 0.5
+"""A pair is comfortably apart from this part of r on: an approach begins after that."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class Breach:
 
     Attributes:
         hypothesis: its name.
-        time_s: when it first broke, s.
+        time_s: when it broke, s.
     """
 
     hypothesis: str
@@ -59,15 +62,27 @@ class Verdict:
     Attributes:
         run: which simulation.
         verdict: one of ``VERDICTS``.
-        unsafe_at_s: when d_j <= 0 or bodies touched first, s; ``None`` if never.
-        breaches: hypotheses that broke, in order of time.
+        reason: its grounds in words.
+        unsafe_at_s: when d_j <= 0 or bodies touched first, s; ``None`` if never. Where several moments are
+            unsafe, the one that the verdict is about.
+        matters: the breach that the verdict names: of an unsafe run, the first that was still broken, or
+            broke, in the approach; of a safe one, the first of all. ``None`` if there is none.
+        breaches: hypotheses that broke, when each did first, in order of time.
+        collisions: bodies that touched, whoever they are, in order of time.
+        needed: whether the run is safe because of the barrier; ``None`` where it is not safe, or not over.
+        without_barrier_m: least d_j of the ideal without the barrier, m; ``None`` where it was not asked for.
         floor_held: whether it also kept the scenario's safety floor, to the end.
     """
 
     run: int
     verdict: str
+    reason: str
     unsafe_at_s: float | None
+    matters: Breach | None
     breaches: tuple[Breach, ...]
+    collisions: tuple[Collision, ...]
+    needed: bool | None
+    without_barrier_m: float | None
     floor_held: bool
 
     def events(self) -> list[Event]:
@@ -77,218 +92,216 @@ class Verdict:
             for b in self.breaches
         ]
 
-    @property
-    def reason(self) -> str:
-        """The verdict's grounds in words."""
-        if self.verdict == BROKEN:
-            first = self.breaches[0]
-            broke = f"'{first.hypothesis}' broke at {first.time_s:.2f} s"
-            return f"unsafe at {self.unsafe_at_s:.2f} s, after {broke}"
-        return {
-            HELD: "safe, and the barrier was asked",
-            VACUOUS: "safe, but nothing challenged the barrier",
-            REFUTED: f"unsafe at {self.unsafe_at_s or 0:.2f} s with every hypothesis true",
-            INCOMPLETE: "the simulation ended early",
-        }[self.verdict]
 
+def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
+    """The verdict on every simulation of a trace.
 
-def _safe_start(trace: Trace) -> Mask:
-    """d_j(0) > 0."""
-    return _at_start(trace, np.any(trace.distance_m[:, 0] <= 0, axis=1))
-
-
-def _bounded_start(trace: Trace) -> Mask:
-    """d_j'(0)/d_j(0) is finite."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rate = trace.distance_rate_mps[:, 0] / trace.distance_m[:, 0]
-    return _at_start(trace, np.any(np.isinf(rate), axis=1))
-
-
-def _opinion_awake(trace: Trace) -> Mask:
-    """z(0) > 0."""
-    return _at_start(trace, trace.opinion[:, 0] <= 0)
-
-
-def _at_start(trace: Trace, broken: Mask) -> Mask:
-    """A mask (N,) as ticks, (N, T): what is broken at t = 0 is broken there only."""
-    ticks = np.zeros(trace.distance_m.shape[:2], dtype=bool)
-    ticks[:, 0] = broken
-    return ticks
-
-
-def _barrier_on(trace: Trace) -> Mask:
-    """k_o > 0."""
-    return np.full(trace.distance_m.shape[:2], trace.scenario.law.k_o <= 0)
-
-
-def _neighbours_bounded(trace: Trace) -> Mask:
-    """Assumption 1: v_j and its rate are bounded (and with them p_j, in any finite time), until bodies touch.
-
-    That is about how the neighbours move, not about what their drivers ask of cars that cannot give it.
+    Args:
+        trace: what happened.
+        without: least d_1 and d_2 of each simulation on the ideal plant without the barrier, m, (N, 2). By
+            default they are simulated, of those that are safe.
     """
-    v, window = trace.velocity_mps[:, :, 1:], _window(trace, OBEYS_WINDOW_S)
-    broken = norm(v) > BOUNDED_MPS
-    broken[:, window:] |= norm(v[:, window:] - v[:, :-window]) > BOUNDED_MPS2 * OBEYS_WINDOW_S
-    touched: Mask = np.logical_or.accumulate(np.any(trace.touching, axis=2), axis=1)
-    before: Mask = np.any(broken, axis=2) & ~touched
-    return before
-
-
-def _neighbours_apart(trace: Trace) -> Mask:
-    """Assumption 1: once the ego is in their lane between them, the neighbours leave it 2r.
-
-    In continuous time the margins meet, and the run ends, between two ticks: the gap counts as it will be at
-    the next one.
-    """
-    p, r = trace.front_m, trace.scenario.law.r_m
-    ahead_s = trace.scenario.control_step_s if trace.continuous else 0.0
-    gap = trace.gap_m + np.minimum(trace.gap_rate_mps * ahead_s, 0) if ahead_s else trace.gap_m
-    between = (p[:, :, 0, 0] < p[:, :, 1, 0]) & (p[:, :, 0, 0] > p[:, :, 2, 0])
-    in_lane = np.abs(p[:, :, 0, 1] - p[:, :, 1, 1]) < r
-    return between & in_lane & (gap + r <= 2 * r)
-
-
-def _seen(trace: Trace) -> Mask:
-    """The ego knows the distances, to within ``SEEN`` of r."""
-    off = np.abs(trace.sensed_distance_m - trace.distance_m) > SEEN * trace.scenario.law.r_m
-    unseen: Mask = np.any(off, axis=2)
-    return unseen
-
-
-def _margin_covers(trace: Trace) -> Mask:
-    """The margin r keeps bodies apart: they do not touch while d_j > 0. The theorem is about front axles."""
-    touching: Mask = np.any(trace.touching[:, :, :2] & (trace.distance_m > 0), axis=2)
-    return touching
-
-
-def _rolling(trace: Trace) -> Mask:
-    """|v_r| >= eps_v: where the bicycle inverse is exact."""
-    return np.abs(trace.speed_mps[:, :, 0]) < trace.scenario.law.eps_v_mps
-
-
-def _steers_within(trace: Trace) -> Mask:
-    """|delta| < its limit; that of the bicycle equations is pi/2, a double integrator does not steer."""
-    limit = (
-        believed_sheets(trace.scenario)[0].steer_limit_rad
-        if trace.plant in ("bicycle_limited", "mujoco")
-        else pi / 2
-    )
-    beyond: Mask = np.abs(trace.steer_rad[:, :, 0]) >= limit
-    return beyond
-
-
-def _unsaturated(trace: Trace) -> Mask:
-    """The ego is never asked for more than it can do."""
-    return saturated(trace)[:, :, 0]
-
-
-def _obeys(trace: Trace) -> Mask:
-    """The front axle is a double integrator: its velocity changes as commanded.
-
-    In continuous time it is, by the equations; the bicycle is one while it rolls, which has its own monitor.
-    """
-    if trace.continuous:
-        return np.zeros(trace.distance_m.shape[:2], dtype=bool)
-    h = trace.scenario.control_step_s
-    window = _window(trace, OBEYS_WINDOW_S)
-    v, u = trace.velocity_mps[:, :, 0], trace.u_mps2[:, :, 0]
-    told = np.cumsum(u * h, axis=1) - u * h  # integral of u up to each tick
-    defect = norm((v[:, window:] - v[:, :-window]) - (told[:, window:] - told[:, :-window]))
-    broken = np.zeros(v.shape[:2], dtype=bool)
-    broken[:, window:] = defect > OBEYS_MPS
-    return broken
-
-
-def _window(trace: Trace, seconds: float) -> int:
-    """Ticks in a stretch of time, at least one."""
-    return max(1, round(seconds / trace.scenario.control_step_s))
-
-
-def _sampled_finely(trace: Trace) -> Mask:
-    """d_j > k_o h/2: the barrier's gain k_o/d_j is stable under a hold of h."""
-    bound = trace.scenario.law.k_o * trace.scenario.control_step_s / 2
-    return _within(trace, 0.0 if trace.continuous else bound)
-
-
-def _prompt(trace: Trace) -> Mask:
-    """d_j > 2 k_o tau/pi: that gain is stable under the true delay tau of commands and measurements."""
-    if trace.continuous:
-        return _within(trace, 0.0)
-    late_s = column(trace.mismatch, "sensing_delay_s") + column(trace.mismatch, "command_delay_s")
-    return _within(trace, 2 * trace.scenario.law.k_o * late_s[:, None, None] / pi)
-
-
-def _within(trace: Trace, bound_m: Array | float) -> Mask:
-    """0 < d_j < bound: inside the margin it is too late for an excuse."""
-    d = trace.distance_m
-    near: Mask = np.any((d > 0) & (d < bound_m), axis=2)
-    return near
-
-
-HYPOTHESES: dict[str, Callable[[Trace], Mask]] = {
-    "safe start": _safe_start,
-    "bounded start": _bounded_start,
-    "opinion starts positive": _opinion_awake,
-    "barrier is on": _barrier_on,
-    "neighbours bounded": _neighbours_bounded,
-    "neighbours leave 2r": _neighbours_apart,
-    "distances known": _seen,
-    "ego rolls": _rolling,
-    "steering within limit": _steers_within,
-    "command within limits": _unsaturated,
-    "ego moves as commanded": _obeys,
-    "hold small against d": _sampled_finely,
-    "delay small against d": _prompt,
-    "margin covers the bodies": _margin_covers,
-}
-"""Name of each hypothesis and the monitor that marks the ticks where it is broken, (N, T).
-
-Missing data breaks nothing: a breach is an excuse, and there is none for what nobody saw.
-"""
-
-
-def challenged(trace: Trace) -> Mask:
-    """Whether the barrier was really asked, (N,).
-
-    It was if some neighbour came within r of touching the margin (d_j < r) and took d_j to less than half
-    of what it had been before: the barrier then took k_o ln 2 or more out of the closing speed.
-    """
-    d = np.where(np.isnan(trace.distance_m), np.inf, trace.distance_m)
-    before = np.maximum.accumulate(np.where(np.isinf(d), -np.inf, d), axis=1)
-    asked: Mask = np.any((d < trace.scenario.law.r_m) & (d < before / 2), axis=(1, 2))
-    return asked
-
-
-def judge(trace: Trace) -> list[Verdict]:
-    """The verdict on every simulation of a trace."""
-    unsafe: Mask = np.any(trace.distance_m <= 0, axis=2) | np.any(trace.touching[:, :, :2], axis=2)
-    broken = {name: monitor(trace) for name, monitor in HYPOTHESES.items()}
-    asked = challenged(trace)
+    evidence = _Evidence.of(trace)
+    safe = [run for run in range(trace.runs) if evidence.is_safe(run)]
+    least = np.full((trace.runs, 2), np.nan)
+    if without is not None:
+        least[safe] = without[safe]
+    elif trace.scenario.law.k_o > 0 and safe:
+        least[safe] = without_barrier_m(trace, safe)
     floor = trace.scenario.expect.min_distance_m.at_least
     above: Mask = np.all(trace.distance_m >= floor, axis=(1, 2))  # false for NaN: missing data is no pass
-    stopped = {s.run: s for s in trace.stops}
-    missing: Mask = np.any(np.isnan(trace.distance_m), axis=(1, 2))
-
-    verdicts = []
+    found = []
     for run in range(trace.runs):
-        unsafe_at = _first(unsafe[run], trace.time_s)
-        if unsafe_at is None and run in stopped and stopped[run].touched:
-            unsafe_at = stopped[run].time_s
-        breaches = [
-            Breach(name, at) for name, m in broken.items() if (at := _first(m[run], trace.time_s)) is not None
-        ]
-        breaches.sort(key=lambda b: b.time_s)
-        if unsafe_at is not None:
-            verdict = BROKEN if breaches and breaches[0].time_s <= unsafe_at else REFUTED
-        elif run in stopped or missing[run]:
-            verdict = INCOMPLETE
+        breaches = evidence.breaches(run)
+        if run in safe:
+            ruling = _ruling_of_safe(evidence, run, least[run], breaches)
         else:
-            verdict = HELD if asked[run] else VACUOUS
-        floor_held = bool(above[run]) and unsafe_at is None and run not in stopped
-        verdicts.append(Verdict(run, verdict, unsafe_at, tuple(breaches), floor_held))
-    return verdicts
+            ruling = _ruling_of_other(evidence, run)
+        touched = tuple(collisions(trace, run))
+        found.append(
+            Verdict(
+                run=run,
+                verdict=ruling.verdict,
+                reason="; ".join([*(collision.sentence for collision in touched), ruling.reason]),
+                unsafe_at_s=ruling.unsafe_at_s,
+                matters=ruling.matters,
+                breaches=breaches,
+                collisions=touched,
+                needed=ruling.needed,
+                without_barrier_m=None if np.isnan(least[run]).any() else float(least[run].min()),
+                floor_held=bool(above[run]) and ruling.unsafe_at_s is None and run not in evidence.stops,
+            )
+        )
+    return found
 
 
-def _first(mask: Mask, time_s: Array) -> float | None:
-    """Time of the first tick where the mask holds, s."""
-    return float(time_s[int(np.argmax(mask))]) if mask.any() else None
+@dataclass(frozen=True)
+class _Ruling:
+    """A verdict and its grounds; the fields are those of :class:`Verdict`."""
+
+    verdict: str
+    reason: str
+    unsafe_at_s: float | None = None
+    matters: Breach | None = None
+    needed: bool | None = None
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """What the monitors say of a trace.
+
+    Attributes:
+        trace: the trace.
+        hypotheses: those that are asked of it, by name.
+        marks: the ticks at which each is broken, (N, T).
+        unsafe: the ticks at which each pair is, (N, T, 2).
+        stops: why simulations ended early, by simulation.
+    """
+
+    trace: Trace
+    hypotheses: dict[str, Hypothesis]
+    marks: dict[str, Mask]
+    unsafe: Mask
+    stops: dict[int, Stop]
+
+    @classmethod
+    def of(cls, trace: Trace) -> _Evidence:
+        hypotheses = asked(trace)
+        marks = {name: one.marks(trace) for name, one in hypotheses.items()}
+        unsafe = (trace.distance_m <= 0) | trace.touching[:, :, :2]
+        return cls(trace, hypotheses, marks, unsafe, {stop.run: stop for stop in trace.stops})
+
+    def is_safe(self, run: int) -> bool:
+        """Whether it is so to the end, and known to be."""
+        known = not np.isnan(self.trace.distance_m[run]).any()
+        return known and run not in self.stops and not self.unsafe[run].any()
+
+    def breaches(self, run: int) -> tuple[Breach, ...]:
+        """What broke, when it did first, in order of time."""
+        time_s = self.trace.time_s
+        first = {name: int(np.argmax(m[run])) for name, m in self.marks.items() if m[run].any()}
+        found = [Breach(name, float(time_s[tick])) for name, tick in first.items()]
+        return tuple(sorted(found, key=lambda breach: breach.time_s))
+
+    def broken_in(self, run: int, start: int, end: int) -> Breach | None:
+        """Of what was still broken, or broke, between two ticks, both included: what broke first."""
+        found = []
+        for name, mask in self.marks.items():
+            within = np.flatnonzero(mask[run, start : end + 1])
+            if within.size:
+                before = np.flatnonzero(~mask[run, : start + within[0]])  # since when it has been broken
+                since = int(before[-1]) + 1 if before.size else 0
+                found.append(Breach(name, float(self.trace.time_s[since])))
+        return min(found, key=lambda breach: breach.time_s, default=None)
+
+    def unknown_in(self, run: int, start: int, end: int) -> list[str]:
+        """Hypotheses that cannot be evaluated between two ticks, both included: numbers are missing."""
+        part = slice(start, end + 1)
+        return [
+            name
+            for name, one in self.hypotheses.items()
+            if any(np.isnan(getattr(self.trace, column)[run, part]).any() for column in one.reads)
+        ]
+
+    def approach(self, run: int, tick: int, pairs: Mask) -> int:
+        """The tick from which pairs, (2,), came to be unsafe at a tick: when both were last comfortable."""
+        near = self.trace.distance_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.law.r_m
+        apart = [np.flatnonzero(~row) for row in near]
+        return min(int(ticks[-1]) if ticks.size else 0 for ticks in apart)
+
+
+def _ruling_of_safe(e: _Evidence, run: int, without_m: Array, breaches: tuple[Breach, ...]) -> _Ruling:
+    trace, first = e.trace, breaches[0] if breaches else None
+    if trace.scenario.law.k_o <= 0:
+        return _Ruling(VACUOUS, "safe, but the barrier is off", matters=first, needed=False)
+    if np.isnan(without_m).any():
+        why = "safe, but how it would end without the barrier is not known"
+        return _Ruling(VACUOUS, why, matters=first)
+    j = int(np.argmin(without_m))
+    alone = f"without the barrier the ideal comes to d_{j + 1} = {without_m[j]:.3f} m"
+    kept_m, r = trace.distance_m[run].min(), trace.scenario.law.r_m
+    if without_m[j] > 0 and not without_m[j] < min(kept_m - NEEDED * r, r):
+        why = f"safe, but not because of the barrier: {alone}"
+        return _Ruling(VACUOUS, why, matters=first, needed=False)
+    if not _dissipates(trace, run):
+        return _Ruling(VACUOUS, "safe, but the barrier did not slow it down", matters=first, needed=False)
+    wrong = _told_wrong(trace, run)
+    if wrong is not None:
+        j, off_m = wrong
+        size = f"{abs(off_m):.3f} m too {'large' if off_m > 0 else 'small'}"
+        why = f"safe, but another distance was guarded: the ego was told {size} a d_{j + 1} where it is least"
+        return _Ruling(VACUOUS, why, matters=first, needed=True)
+    if first is not None:
+        why = f"safe beyond its hypotheses: '{first.hypothesis}' broke at {first.time_s:.2f} s; {alone}"
+        return _Ruling(HELD, why, matters=first, needed=True)
+    return _Ruling(HELD, f"safe, and the barrier was needed: {alone}", needed=True)
+
+
+def _dissipates(trace: Trace, run: int) -> bool:
+    """Whether the barrier took energy out of the motion towards and away from the neighbours, all in all."""
+    g = trace.front_m[run, :, :1] - trace.front_m[run, :, 1:]
+    g /= np.linalg.norm(g, axis=-1, keepdims=True)
+    push = np.sum(trace.u_c_mps2[run][:, None] * g, axis=-1)
+    work = np.nansum(push * trace.distance_rate_mps[run])
+    return bool(work < 0)
+
+
+def _told_wrong(trace: Trace, run: int) -> tuple[int, float] | None:
+    """A neighbour whose distance is told wrong, to one side, all the while it is least; and by how much, m.
+
+    Noise errs to both sides, and what is late is right where a distance no longer changes.
+    """
+    off = trace.sensed_distance_m[run] - trace.distance_m[run]
+    half = max(1, round(OBEYS_WINDOW_S / trace.scenario.control_step_s))
+    for j, tick in enumerate(np.argmin(trace.distance_m[run], axis=0).tolist()):
+        there = off[max(tick - half, 0) : tick + half + 1, j]
+        bound = SEEN * trace.scenario.law.r_m
+        if np.all(there > bound) or np.all(there < -bound):
+            return j, float(np.mean(there))
+    return None
+
+
+def _ruling_of_other(e: _Evidence, run: int) -> _Ruling:
+    """Of a simulation that became unsafe, ended early, or has holes."""
+    stop = e.stops.get(run)
+    rulings = list(_rulings_of_moments(e, run))
+    if stop is not None and stop.touched:
+        rulings.append(_ruling_of_touch(e, run, stop))
+    if rulings:
+        return max(rulings, key=lambda ruling: VERDICTS.index(ruling.verdict))  # the first of the worst
+    why = "the simulation ended early" if stop is not None else "distances are missing"
+    return _Ruling(INCOMPLETE, why)
+
+
+def _rulings_of_moments(e: _Evidence, run: int) -> Iterator[_Ruling]:
+    """Of each moment at which the simulation becomes unsafe."""
+    trace = e.trace
+    any_pair = np.any(e.unsafe[run], axis=1)
+    for tick in np.flatnonzero(np.diff(any_pair, prepend=False) & any_pair).tolist():
+        at_s = float(trace.time_s[tick])
+        start = e.approach(run, tick, e.unsafe[run, tick])
+        where = f"unsafe at {at_s:.2f} s"
+        breach = e.broken_in(run, start, tick)
+        unknown = e.unknown_in(run, start, tick)
+        if breach is not None:
+            why = f"{where}, after '{breach.hypothesis}' broke at {breach.time_s:.2f} s"
+            yield _Ruling(BROKEN, why, at_s, breach)
+        elif unknown:
+            yield _Ruling(INCOMPLETE, f"{where}; whether '{unknown[0]}' held is not known", at_s)
+        else:
+            yield _Ruling(REFUTED, f"{where} with every hypothesis true", at_s)
+
+
+def _ruling_of_touch(e: _Evidence, run: int, stop: Stop) -> _Ruling:
+    """Of a simulation in continuous time that ended where d_j was no more than the solver can tell from 0."""
+    known = np.flatnonzero(~np.isnan(e.trace.distance_m[run]).any(axis=1))
+    last = int(known[-1]) if known.size else 0
+    d = e.trace.distance_m[run, last]
+    start = e.approach(run, last, d == d.min())
+    breach = e.broken_in(run, start, last)
+    if breach is not None:
+        why = f"{stop.reason}, after '{breach.hypothesis}' broke at {breach.time_s:.2f} s"
+        return _Ruling(BROKEN, why, stop.time_s, breach)
+    if stop.crossing:
+        return _Ruling(REFUTED, f"{stop.reason}, with every hypothesis true", stop.time_s)
+    return _Ruling(UNRESOLVED, f"{stop.reason}: the theorem keeps it above 0, but by no number")

@@ -19,7 +19,7 @@ import numpy as np
 
 from mjmerge import share
 from mjmerge.acts import BODIES, listed
-from mjmerge.contract import Verdict, challenged, judge
+from mjmerge.contract import Verdict, judge
 from mjmerge.effect import acting, covers, given_in_vain
 from mjmerge.errors import MjmergeError, UnknownNameError
 from mjmerge.loader import load, raise_problems, read
@@ -177,8 +177,14 @@ def run(
         scenario = batch[0].scenario
         cases = [(0, acting(row.scenario, plant).mismatch) for row in batch]
         trace = simulate(scenario.settled(), plant, cases=cases, threads=threads)
+        verdicts = judge(trace)
         found = zip(
-            batch, judge(trace), _measured(trace), _rate_defect(trace), _untested(trace, batch), strict=True
+            batch,
+            verdicts,
+            _measured(trace),
+            _rate_defect(trace),
+            _untested(trace, verdicts, batch),
+            strict=True,
         )
         stops = {stop.run: f"{stop.car}: {stop.reason}" for stop in trace.stops}
         for i, (row, verdict, measured, defect, untested) in enumerate(found):
@@ -223,14 +229,16 @@ def _rate_defect(trace: Trace) -> Array:
     return worst
 
 
-def _untested(trace: Trace, batch: Sequence[Row]) -> Iterator[list[str]]:
+def _untested(trace: Trace, verdicts: Sequence[Verdict], batch: Sequence[Row]) -> Iterator[list[str]]:
     """What of each row's needs was not put to the test, in words."""
-    words = {
-        "barrier": (challenged(trace), "vacuous: the barrier was never asked"),
-        "grip": (_slides(trace), "vacuous: no car was asked for more than the road gives"),
-    }
-    for i, row in enumerate(batch):
-        yield [text for need, (met, text) in words.items() if need in row.check.needs and not met[i]]
+    slides = _slides(trace)
+    for verdict, slid, row in zip(verdicts, slides.tolist(), batch, strict=True):
+        untested = []
+        if "barrier" in row.check.needs and verdict.needed is False:
+            untested.append(f"vacuous: {verdict.reason}")
+        if "grip" in row.check.needs and not slid:
+            untested.append("vacuous: no car was asked for more than the road gives")
+        yield untested
 
 
 def _slides(trace: Trace) -> Mask:

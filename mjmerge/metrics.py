@@ -14,9 +14,14 @@ from mjmerge.trace import Trace
 
 MERGED_M = 0.1
 """Lateral error below which, and for good, the merge counts as done, m."""
+MERGED_RAD, MERGED_RADPS = 0.05, 0.1
+"""The same of the heading off the road, rad (3 degrees), and of how fast it changes, rad/s."""
+TURNED_RAD = 0.5
+"""A car whose heading is further off the road than this, rad, drives across it: 29 degrees."""
 INTENT = 0.5
 """Weight w above which the ego intends to merge (z itself never exceeds 1/k_mu)."""
 
+_YAW_S = 0.1  # a yaw rate is the mean over this
 _JOIN_S = 0.3  # a stretch of contact or saturation with shorter breaks is one event
 
 
@@ -37,17 +42,83 @@ class Event:
     text: str
 
 
+@dataclass(frozen=True)
+class Collision:
+    """Two bodies that touched, for the first time.
+
+    Attributes:
+        a: one car, as in ``CARS``.
+        b: the other.
+        time_s: when, s.
+        speed_mps: how fast they moved against each other, m/s; ``None`` where that is not known.
+    """
+
+    a: str
+    b: str
+    time_s: float
+    speed_mps: float | None
+
+    @property
+    def sentence(self) -> str:
+        """As the beginning of a reason."""
+        fast = "" if self.speed_mps is None else f" at {self.speed_mps:.2f} m/s"
+        who = f"the ego hits {self.b}" if self.a == CARS[0] else f"{self.a} and {self.b} collide"
+        return f"{who} at {self.time_s:.2f} s{fast}"
+
+
+def collisions(trace: Trace, run: int = 0) -> list[Collision]:
+    """Which bodies touched in one simulation, whoever they are: the first time of each pair, in order."""
+    found = []
+    for i, (a, b) in enumerate(PAIRS):
+        touching = np.flatnonzero(trace.touching[run, :, i])
+        if touching.size:
+            first = touching[touching < touching[0] + max(1, round(_JOIN_S / trace.scenario.control_step_s))]
+            speeds = trace.contact_speed_mps[run, first, i]
+            known = speeds[speeds > 0]
+            speed = float(known[0]) if known.size else None
+            found.append(Collision(CARS[a], CARS[b], float(trace.time_s[touching[0]]), speed))
+    return sorted(found, key=lambda collision: collision.time_s)
+
+
 def lateral_error_m(trace: Trace) -> Array:
     """How far the ego is across the road from Vehicle 1, signed, m, (N, T)."""
     return trace.front_m[:, :, 0, 1] - trace.front_m[:, :, 1, 1]
 
 
+def turned_rad(trace: Trace) -> Array:
+    """The ego's heading where it is furthest off the road, signed, rad, (N,).
+
+    NaN on a plant of points, which have no heading, and where nothing is known.
+    """
+    if trace.plant == "double_integrator":
+        return np.full(trace.runs, np.nan)
+    heading = np.nan_to_num(trace.heading_rad[:, :, 0])
+    furthest = np.argmax(np.abs(heading), axis=1)
+    turned: Array = trace.heading_rad[np.arange(trace.runs), furthest, 0]
+    return turned
+
+
+def merged(trace: Trace) -> Mask:
+    """Whether the ego is in Vehicle 1's lane, along the road, and turns no more, (N, T); false for NaN.
+
+    A point has no heading: on ``double_integrator`` the lane alone counts.
+    """
+    there = np.abs(lateral_error_m(trace)) < MERGED_M
+    if trace.plant == "double_integrator":
+        return there
+    heading, window = trace.heading_rad[:, :, 0], max(1, round(_YAW_S / trace.scenario.control_step_s))
+    straight: Mask = there & (np.abs(heading) < MERGED_RAD)
+    turned = np.abs(heading[:, window:] - heading[:, :-window])
+    straight[:, window:] &= turned < MERGED_RADPS * window * trace.scenario.control_step_s
+    return straight
+
+
 def merged_at_s(trace: Trace) -> Array:
-    """Time from which the ego stays within ``MERGED_M`` of Vehicle 1 in lane, s, (N,); NaN if never."""
-    out = ~(np.abs(lateral_error_m(trace)) < MERGED_M)  # true for NaN: a run that stopped has not merged
+    """Time from which the ego is :func:`merged` for good, s, (N,); NaN if never."""
+    out = ~merged(trace)  # true for NaN: a run that stopped has not merged
     last_out = np.where(out.any(1), out.shape[1] - 1 - np.argmax(out[:, ::-1], axis=1), -1)
-    merged = last_out < out.shape[1] - 1
-    return np.where(merged, trace.time_s[np.minimum(last_out + 1, out.shape[1] - 1)], np.nan)
+    ends_so = last_out < out.shape[1] - 1
+    return np.where(ends_so, trace.time_s[np.minimum(last_out + 1, out.shape[1] - 1)], np.nan)
 
 
 def shared_ticks(a: Trace, b: Trace) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -103,11 +174,17 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
         add(start, "info", "ego", f"intends to merge (z = {trace.opinion[run, start]:.3f})")
         if end < len(time_s) and not np.isnan(trace.weight[run, end]):
             add(end, "info", "ego", f"gives up the merge (z = {trace.opinion[run, end]:.3f})")
-    merged = merged_at_s(trace)[run]
-    if not np.isnan(merged):
+    merged_s = merged_at_s(trace)[run]
+    if not np.isnan(merged_s):
         found.append(
-            Event(float(merged), "info", "ego", f"merged (lateral error < {MERGED_M} m from here on)")
+            Event(float(merged_s), "info", "ego", f"merged (lateral error < {MERGED_M} m from here on)")
         )
+    if trace.plant != "double_integrator":
+        heading = trace.heading_rad[run, :, 0]
+        for start, end in spans(np.abs(heading) > TURNED_RAD):
+            furthest = np.degrees(heading[start + int(np.argmax(np.abs(heading[start:end])))])
+            text = f"drives across the road, up to {furthest:.0f} degrees off it{within(start, end)}"
+            add(start, "warning", "ego", text)
     for j, name in enumerate(CARS[1:]):
         d = trace.distance_m[run, :, j]
         for start, end in spans(d <= 0):

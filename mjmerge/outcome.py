@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from mjmerge.state import Array
 from mjmerge.trace import Trace
 
 PASSED, EMPTY, FAILED = "passed", "vacuous", "failed"
-"""How a run counts: one without data, or that ended early, has failed; nothing challenged a vacuous one."""
+"""How a run counts: one without data, or that ended early, has failed; nothing tested a vacuous one."""
 
 NUMBERS = (
     "min_distance_m",
@@ -27,6 +27,7 @@ NUMBERS = (
     "min_d_2_m",
     "t_min_distance_s",
     "min_clearance_m",
+    "without_barrier_m",
     "contact_impulse_n_s",
     "contact_speed_mps",
     "first_contact_s",
@@ -48,9 +49,10 @@ NUMBERS = (
 For so long bodies touched though d_j > 0, or stayed clear though d_j <= 0, both neighbours together.
 """
 TEXTS = ("outcome", "verdict", "first_broken", "stopped")
-"""Columns that are text; ``first_broken`` is the first hypothesis that broke, if any."""
-FLAGS = ("floor_held", "underflow")
-"""Columns that are true or false."""
+"""Columns that are text; ``first_broken`` is the hypothesis that the verdict names: of an unsafe run, the
+first that was still broken, or broke, in the approach; of a safe one, the first of all."""
+FLAGS = ("floor_held", "needed", "underflow")
+"""Columns that are true or false, or null; ``needed`` is whether the run is safe because of the barrier."""
 
 Row = dict[str, float | str | bool | None]
 
@@ -75,12 +77,14 @@ def rows(trace: Trace, verdicts: Sequence[Verdict]) -> list[Row]:
     stops = {stop.run: stop for stop in trace.stops}
     found: list[Row] = []
     for i, (verdict, decided) in enumerate(zip(verdicts, decision(trace), strict=True)):
-        broken = verdict.breaches[0] if verdict.breaches else None
+        broken = verdict.matters
         stop = stops.get(i)
         row: Row = {
             "outcome": outcome(verdict),
             "verdict": verdict.verdict,
             "floor_held": verdict.floor_held,
+            "needed": verdict.needed,
+            "without_barrier_m": verdict.without_barrier_m,
             "min_distance_m": _known(least[i]),
             "min_d_1_m": _known(trace.min_distance_m[i, 0]),
             "min_d_2_m": _known(trace.min_distance_m[i, 1]),
@@ -111,13 +115,6 @@ def outcome(verdict: Verdict) -> str:
     if not verdict.floor_held:
         return FAILED
     return EMPTY if verdict.verdict == VACUOUS else PASSED
-
-
-def cause(row: Mapping[str, Any]) -> str | None:
-    """The first hypothesis that broke, unless the run had become unsafe before it did."""
-    unsafe_s, broken_s = row["unsafe_at_s"], row["broken_at_s"]
-    late = unsafe_s is not None and broken_s is not None and broken_s > unsafe_s
-    return None if late else row["first_broken"]
 
 
 def _contacts(trace: Trace) -> tuple[Array, Array, Array]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.contract import HYPOTHESES
-from mjmerge.metrics import INTENT, MERGED_M, lateral_error_m, saturated
+from mjmerge.hypotheses import HYPOTHESES, broken
+from mjmerge.metrics import INTENT, merged, saturated
 from mjmerge.state import Mask
 from mjmerge.trace import Trace
 
@@ -60,11 +60,10 @@ def _states(trace: Trace, run: int) -> dict[str, NDArray[np.int64]]:
     """The state of each subject at every tick, as an index into its names, (T,)."""
     inside: Mask = np.any(trace.distance_m[run] <= 0, axis=1)
     touching: Mask = np.any(trace.touching[run, :, :2], axis=1)
-    merged = np.abs(lateral_error_m(trace)[run]) < MERGED_M
     merging = trace.weight[run] > INTENT
     return {
-        "decision": np.where(merged & merging, 2, merging.astype(np.int64)),
+        "decision": np.where(merged(trace)[run] & merging, 2, merging.astype(np.int64)),
         "safety": np.where(touching, 2, inside.astype(np.int64)),
         "actuation": saturated(trace)[run, :, 0].astype(np.int64),
-        **{name: monitor(trace)[run].astype(np.int64) for name, monitor in HYPOTHESES.items()},
+        **{name: marks[run].astype(np.int64) for name, marks in broken(trace).items()},
     }

@@ -6,17 +6,19 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from mjmerge.contract import HYPOTHESES, VERDICTS, Verdict
+from mjmerge.contract import VERDICTS, Verdict
 from mjmerge.decision import decision
 from mjmerge.facts import FACTS, Finding
 from mjmerge.figures import overview, save
-from mjmerge.metrics import MERGED_M, merged_at_s, saturated
+from mjmerge.hypotheses import asked
+from mjmerge.metrics import MERGED_M, TURNED_RAD, merged_at_s, saturated, turned_rad
 from mjmerge.record.manifest import versions
 from mjmerge.scenario import CARS
 from mjmerge.state import Array
@@ -56,7 +58,7 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
         "seed": int(trace.seeds[0]),
         "runs": trace.runs,
         "verdict": worst.verdict,
-        "verdict_reason": worst.reason,
+        "reason": worst.reason,
         "verdicts": dict(Counter(v.verdict for v in verdicts)),
         "floor_m": trace.scenario.expect.min_distance_m.at_least,
         "floor_held": all(v.floor_held for v in verdicts),
@@ -70,13 +72,21 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
             for car, d in zip(NEIGHBOURS, distance_m.T, strict=True)
         },
         "min_clearance_m": _number(_least(clearance.reshape(-1, 1))[0]),
+        "collisions": [
+            {"seed": int(trace.seeds[v.run]), **asdict(collision)}
+            for v in verdicts
+            for collision in v.collisions
+        ],
+        "needed": verdicts[run].needed,
+        "without_barrier_m": verdicts[run].without_barrier_m,
         "merged_at_s": _number(merged_at_s(trace)[run]),
+        "turned_rad": _number(turned_rad(trace)[run]),
         "saturated_s": {
             car: _number(saturated(trace)[run, :, c].sum() * trace.scenario.control_step_s)
             for c, car in enumerate(CARS)
         },
         "peak_u_c_mps2": _number(np.nanmax(np.hypot(*trace.u_c_mps2[run].T))),
-        "hypotheses": dict.fromkeys(HYPOTHESES) | {b.hypothesis: b.time_s for b in verdicts[run].breaches},
+        "hypotheses": dict.fromkeys(asked(trace)) | {b.hypothesis: b.time_s for b in verdicts[run].breaches},
         "decision": decision(trace)[run].as_dict(),
         "stops": [
             {
@@ -85,6 +95,7 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
                 "car": s.car,
                 "reason": s.reason,
                 "touched": s.touched,
+                "crossing": s.crossing,
             }
             for s in trace.stops
         ],
@@ -127,10 +138,14 @@ def table(found: dict[str, Any]) -> Table:
         grid.add_row(f"min d_{j + 1}", f"{metres(least)} at {seconds(at)}  (to {car})")
     clearance = found["min_clearance_m"]
     grid.add_row("body clearance", "- (no bodies)" if clearance is None else metres(clearance))
+    if found["collisions"]:
+        grid.add_row("collisions", _collided(found["collisions"], found["runs"]))
     merged = found["merged_at_s"]
-    grid.add_row(
-        "merged", f"at {seconds(merged)} (lateral error < {MERGED_M} m)" if merged is not None else "no"
-    )
+    turned = found["turned_rad"]
+    said = f"at {seconds(merged)} (lateral error < {MERGED_M} m)" if merged is not None else "no"
+    if turned is not None and abs(turned) > TURNED_RAD:
+        said += f"; it turned {degrees(turned):.0f} degrees off the road"
+    grid.add_row("merged", said)
     busy = [f"{car} {seconds(s)}" for car, s in found["saturated_s"].items() if s]
     grid.add_row("saturated", ", ".join(busy) or "never")
     grid.add_row("hypotheses", _broken(found["hypotheses"]))
@@ -139,7 +154,7 @@ def table(found: dict[str, Any]) -> Table:
         grid.add_row("distinct runs", "1: nothing is random here, and every seed gives the same run")
     if found.get("no_effect"):
         grid.add_row("no effect", ", ".join(found["no_effect"]))
-    reasons = [found["verdict_reason"], *found.get("verdict_doubts", ())]
+    reasons = [found["reason"], *found.get("verdict_doubts", ())]
     grid.add_row("verdict", f"{found['verdict']}: {'; but '.join(reasons)}")
     if found["runs"] > 1:
         grid.add_row("verdicts", ", ".join(f"{n} {v}" for v, n in found["verdicts"].items()))
@@ -154,6 +169,17 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("safety floor", f"[{'green' if good else 'red'}]{floor}[/]")
     grid.add_row("real time", f"x {found['real_time_factor']:.1f}")
     return grid
+
+
+def _collided(collisions: Sequence[Mapping[str, Any]], runs: int) -> str:
+    """Who touched whom, when, and how fast; the first four of them."""
+    said = []
+    for c in collisions[:4]:
+        fast = "" if c["speed_mps"] is None else f" at {c['speed_mps']:.2f} m/s"
+        seed = f" (seed {c['seed']})" if runs > 1 else ""
+        said.append(f"{c['a']} and {c['b']} at {seconds(c['time_s'])}{fast}{seed}")
+    more = f" and {len(collisions) - 4} more" if len(collisions) > 4 else ""
+    return ", ".join(said) + more
 
 
 def _broken(hypotheses: Mapping[str, float | None]) -> str:
@@ -201,12 +227,12 @@ def theorem_table(tally: Tally) -> Table:
     colour = "red" if tally.violated else "green"
     grid.add_row("worlds", f"{tally.runs}", "in which every hypothesis of the theorem holds")
     grid.add_row("violations", f"[{colour}]{tally.violated}[/]", "d_j <= 0")
-    grid.add_row("challenged", f"{tally.challenged}", "the barrier was really asked")
+    grid.add_row("close", f"{tally.close}", "d_j < r, and less than half of what it had been")
     grid.add_row(
-        "pinned", f"{tally.pinned}", "d_j < 1e-5 m: positive by no measurable margin, and left there"
+        "unresolved", f"{tally.unresolved}", "d_j < 1e-5 m: too little to tell from 0, and left there"
     )
     grid.add_row("stuck", f"{tally.stuck}", "the solver gave up: says nothing")
-    grid.add_row("smallest d_j", f"{tally.least_m:.2g} m", "of those not pinned")
+    grid.add_row("smallest d_j", f"{tally.least_m:.2g} m", "of those that are resolved")
     return grid
 
 

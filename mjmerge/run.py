@@ -77,7 +77,7 @@ class Run:
     @property
     def exit_code(self) -> int:
         """0: the floor held; 1: it did not; 3: the simulation or a recorder failed."""
-        if self.trace.stops or self.failures:
+        if self.failures or any(not stop.touched for stop in self.trace.stops):
             return 3
         return 0 if self.summary["floor_held"] else 1
 

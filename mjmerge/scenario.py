@@ -171,8 +171,8 @@ class Check(Frozen):
     at_least_m: float
     """Safety floor on d_1 and d_2, m: one-sided, set by hand."""
     needs: Annotated[tuple[Need, ...], Field(strict=False)] = ("barrier",)
-    """What must be put to the test, or the row is vacuous: barrier (it was really asked), grip (some car was
-    asked for more than the road gives)."""
+    """What must be put to the test, or the row is vacuous: barrier (it is safe because of it), grip (some
+    car was asked for more than the road gives)."""
 
 
 class Scenario(Frozen):

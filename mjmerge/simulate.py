@@ -102,7 +102,7 @@ def simulate(
         for fault in moving.faults():
             if running[fault.run]:
                 running[fault.run] = False
-                log.stop(Stop(fault.run, t, CARS[fault.car], fault.reason, fault.touched))
+                log.stop(Stop(fault.run, t, CARS[fault.car], fault.reason, fault.touched, fault.crossing))
         if not running.any():
             break
         cars = moving.observe()
@@ -147,6 +147,7 @@ def _row(
         "distance_m": truth.d,
         "distance_rate_mps": truth.d_dot,
         "sensed_distance_m": decision.geometry.d,
+        "sensed_distance_rate_mps": decision.geometry.d_dot,
         "mu_input_per_s": decision.mu_input,
         "gap_m": truth.dbar,
         "gap_rate_mps": truth.dbar_dot,

@@ -16,7 +16,7 @@ from mjmerge.distinct import distinct
 from mjmerge.effect import told
 from mjmerge.figures import save
 from mjmerge.mismatch import Mismatch
-from mjmerge.outcome import EMPTY, FAILED, PASSED, Rows, cause, groups
+from mjmerge.outcome import EMPTY, FAILED, PASSED, Rows, groups
 from mjmerge.outputs import put
 from mjmerge.plan import Plan
 from mjmerge.record.manifest import versions
@@ -185,7 +185,7 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
     yield ""
     yield (
         "A run has failed if it did not keep its scenario's safety floor to the end: also if it ended early, "
-        "or has no data. A vacuous run (safe, but nothing challenged the barrier) counts neither way. "
+        "or has no data. A vacuous run (safe, but nothing put the barrier to the test) counts neither way. "
         f"Rates are failed / (failed + passed) of distinct runs, with Clopper-Pearson intervals at "
         f"{CONFIDENCE:.0%}."
     )
@@ -210,14 +210,14 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
     rest = [row for row in rows if row["mismatch"] in (GRID, RANDOM)]
     if rest:
         yield from _by_axis(plan, rest)
-    yield from _causes(rows)
+    yield from _symptoms(rows)
     yield from _collisions(rows)
     yield "## The worst runs"
     yield ""
     yield "Each command gives its run again, bit for bit, and records it; `mjmerge view` then opens it."
     yield ""
     for row in worst(rows):
-        broken = cause(row)
+        broken = row["first_broken"]
         first = f", '{broken}' broke first" if broken else ""
         least = row["min_distance_m"]
         margin = "no data" if least is None else f"{least:.4f} m"
@@ -294,15 +294,19 @@ def _slices(axis: str, rows: Rows) -> Iterator[tuple[str, Rows]]:
         yield f"{_short(low)} to {_short(high)}", part
 
 
-def _causes(rows: Rows) -> Iterator[str]:
+def _symptoms(rows: Rows) -> Iterator[str]:
     failed = [row for row in distinct(rows) if row["outcome"] == FAILED]
     if not failed:
         return
     yield "## What broke first"
     yield ""
-    yield "Of the runs that failed, the hypothesis of the theorem that broke first, before they were unsafe."
+    yield (
+        "Of the runs that failed, the hypothesis of the theorem that was broken first in the approach to the "
+        "unsafe moment (in a run that only missed its floor: first of all). That is a symptom: the cause is "
+        "what such a run needs to fail, and only another run without it can tell."
+    )
     yield ""
-    counts = Counter((row["verdict"], cause(row) or "none before it") for row in failed)
+    counts = Counter((row["verdict"], row["first_broken"] or "none") for row in failed)
     yield from _table(
         ("verdict", "first broken", "runs"),
         [(verdict, first, n) for (verdict, first), n in counts.most_common()],

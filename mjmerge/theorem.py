@@ -8,7 +8,7 @@ start, z(0) > 0 and positive gains give d_1, d_2 > 0 for all time. Each draw her
   +a, -a and 0), never narrower than 2r and a margin, whether the ego is between or not;
 - gains are within a factor of the paper's, log-uniformly, and the target lies inside the narrowest gap.
 
-What it cannot settle: the theorem bounds d_j away from zero by no number. See ``PINNED_M``.
+What it cannot settle: the theorem bounds d_j away from zero by no number. See ``RESOLVED_M``.
 
 Draws that share their gains are integrated together: one stiff vector equation (the barrier's rate is
 k_o/d_j), started anew wherever a neighbour switches.
@@ -32,10 +32,10 @@ from mjmerge.scenario import Law
 from mjmerge.state import Array, Mask, norm
 
 RTOL, ATOL = 1e-7, 1e-10
-PINNED_M = 1e-5
+RESOLVED_M = 1e-5
 """The barrier only damps: a steady pull towards a neighbour makes d_j fall exponentially, for as long as it
 lasts (item 2 of the Appendix lemma). Below this, m, the theorem holds by a margin that nobody could measure;
-such a world counts as pinned, and is left there."""
+such a world is unresolved, and is left there."""
 TOGETHER = 50
 """Draws that share their gains and are integrated together."""
 
@@ -88,20 +88,20 @@ class Outcome:
 
     Attributes:
         least_m: smallest d_1 or d_2 at any step of the solver, m; <= 0 is a violation.
-        challenged: whether d_j fell below r and below half of what it had been.
-        pinned: whether d_j fell below ``PINNED_M``; nothing is known after that.
+        close: whether d_j fell below r and below half of what it had been.
+        unresolved: whether d_j fell below ``RESOLVED_M``; nothing is known after that.
         stuck: whether the solver could not reach the end; then nothing is known after that.
     """
 
     least_m: Array
-    challenged: Mask
-    pinned: Mask
+    close: Mask
+    unresolved: Mask
     stuck: Mask
 
     @property
     def thin(self) -> Mask:
-        """Which draws the theorem holds in by no measurable margin, (N,)."""
-        return self.pinned & (self.least_m > 0)
+        """Which draws the theorem holds in by less than can be told from 0, (N,)."""
+        return self.unresolved & (self.least_m > 0)
 
     @property
     def violated(self) -> Mask:
@@ -116,18 +116,18 @@ class Tally:
     Attributes:
         runs: how many worlds.
         violated: in how many d_j <= 0 at some time.
-        pinned: in how many some d_j fell below ``PINNED_M``, and the rest of the run is unknown.
+        unresolved: in how many some d_j fell below ``RESOLVED_M``, and the rest of the run is unknown.
         stuck: in how many the solver gave up, and the rest is unknown.
-        challenged: in how many the barrier was really asked.
-        least_m: smallest d_j where it was not pinned, m.
+        close: in how many d_j fell below r and below half of what it had been.
+        least_m: smallest d_j where it is resolved, m.
         counterexamples: seed, index in the batch, the simplest world that still violates, its duration, s.
     """
 
     runs: int
     violated: int
-    pinned: int
+    unresolved: int
     stuck: int
-    challenged: int
+    close: int
     least_m: float
     counterexamples: tuple[tuple[int, int, Draw, float], ...]
 
@@ -146,16 +146,16 @@ def tally(runs: int, seed: int, duration_s: float, progress: Callable[[int], Non
         found.append(outcome)
         for i in np.flatnonzero(outcome.violated).tolist():
             counterexamples.append((batch, i, *shrink(draw(batch, duration_s).one(i), duration_s)))
-    least, challenged, pinned, stuck = (
+    least, close, unresolved, stuck = (
         np.concatenate([getattr(o, f.name) for o in found]) for f in fields(Outcome)
     )
     return Tally(
         runs=len(least),
         violated=len(counterexamples),
-        pinned=int((pinned & (least > 0)).sum()),
+        unresolved=int((unresolved & (least > 0)).sum()),
         stuck=int(stuck.sum()),
-        challenged=int(challenged.sum()),
-        least_m=float(least[~pinned].min(initial=np.inf)),
+        close=int(close.sum()),
+        least_m=float(least[~unresolved].min(initial=np.inf)),
         counterexamples=tuple(counterexamples),
     )
 
@@ -263,12 +263,12 @@ def _simpler(world: Draw, duration_s: float, paper: Law) -> Iterator[tuple[Draw,
 
 
 def _integrate(worlds: Draw, duration_s: float) -> Outcome:
-    """All worlds as one vector equation; the state is p, v, ln z, mu. A pinned world rests from then on."""
+    """All worlds as one vector equation; the state is p, v, ln z, mu. An unresolved world then rests."""
     law, n = worlds.law, len(worlds.start)
     x = worlds.start.copy()
     x[:, 4] = np.log(x[:, 4])
     least, before = np.full(n, np.inf), np.zeros((n, 2))
-    challenged, pinned = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    close, unresolved = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     blocks: Any = block_diag([np.ones((6, 6))] * n, format="csc")
 
     def rate(time_s: float, flat: Array, slot: int, moving: Array) -> Array:
@@ -282,22 +282,22 @@ def _integrate(worlds: Draw, duration_s: float) -> Outcome:
     steps = 0
     for slot, t, stop in _stretches(worlds, duration_s):
         while t < stop:
-            f = partial(rate, slot=slot, moving=~pinned[:, None])
+            f = partial(rate, slot=slot, moving=~unresolved[:, None])
             solver = BDF(f, t, x.ravel(), stop, max_step=0.1, rtol=RTOL, atol=ATOL, jac_sparsity=blocks)
-            touched = pinned
-            while solver.status == "running" and touched.sum() == pinned.sum():
+            touched = unresolved
+            while solver.status == "running" and touched.sum() == unresolved.sum():
                 steps += 1
                 if not _step(solver) or steps > _MOST_STEPS:
-                    return Outcome(least, challenged, pinned, ~pinned)
+                    return Outcome(least, close, unresolved, ~unresolved)
                 x = solver.y.reshape(n, 6)
                 now = _sensed(worlds, slot, solver.t, x)
                 d = norm(now.p[:, None] - now.p_j) - law.r_m
                 before = np.maximum(before, d)
-                least = np.where(pinned, least, np.minimum(least, d.min(axis=1)))
-                challenged |= np.any((d < law.r_m) & (d < before / 2), axis=1)
-                touched = pinned | (least < PINNED_M)
-            t, pinned = solver.t, touched
-    return Outcome(least, challenged, pinned, np.zeros(n, dtype=bool))
+                least = np.where(unresolved, least, np.minimum(least, d.min(axis=1)))
+                close |= np.any((d < law.r_m) & (d < before / 2), axis=1)
+                touched = unresolved | (least < RESOLVED_M)
+            t, unresolved = solver.t, touched
+    return Outcome(least, close, unresolved, np.zeros(n, dtype=bool))
 
 
 def _step(solver: BDF) -> bool:

@@ -68,7 +68,8 @@ class Stop:
         time_s: when.
         car: which car.
         reason: what happened, in words.
-        touched: whether it ended because d_j reached 0.
+        touched: whether it ended because d_j reached 0, as far as can be told.
+        crossing: whether it then closed in undiminished, so that it was to go through 0.
     """
 
     run: int
@@ -76,6 +77,7 @@ class Stop:
     car: str
     reason: str
     touched: bool = False
+    crossing: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,9 @@ class Trace:
     distance_m: Annotated[Array, Meaning("d_j", "distance of the front axles less r", NEIGHBOURS)]
     distance_rate_mps: Annotated[Array, Meaning("d_j'", "rate of that distance", NEIGHBOURS)]
     sensed_distance_m: Annotated[Array, Meaning("d_j seen", "the same as the ego is told", NEIGHBOURS)]
+    sensed_distance_rate_mps: Annotated[
+        Array, Meaning("d_j' seen", "its rate as the ego is told", NEIGHBOURS)
+    ]
     gap_m: Annotated[Array, Meaning("dbar", "gap between the neighbours, |p_2 - p_1| - r")]
     gap_rate_mps: Annotated[Array, Meaning("dbar'", "rate of that gap")]
     clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIR_NAMES)]

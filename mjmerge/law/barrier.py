@@ -32,9 +32,14 @@ def barrier(law: Law, g: Array, d: Array, d_dot: Array) -> Array:
     return u_c
 
 
-def singular(law: Law) -> bool:
-    """Whether the barrier grows without bound as d_j falls to zero, so that no motion goes on from there."""
-    d, d_dot = np.full((1, 2), LEAST), np.full((1, 2), -1.0)
+def effective_distance(law: Law, d: Array) -> Array:
+    """What the barrier of the law's variant divides by at the distances d, m, (...): d itself as printed."""
+    d_dot = np.zeros_like(d)
     for part in reading(law.variant).approach:
         d, d_dot = part(law, d, d_dot)
-    return law.k_o > 0 and bool(np.any(d <= LEAST))
+    return d
+
+
+def singular(law: Law) -> bool:
+    """Whether the barrier grows without bound as d_j falls to zero, so that no motion goes on from there."""
+    return law.k_o > 0 and bool(effective_distance(law, np.array(LEAST)) <= LEAST)

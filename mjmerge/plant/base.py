@@ -16,13 +16,15 @@ class Fault:
         run: which simulation.
         car: index of the car.
         reason: what happened, in words.
-        touched: whether it is that d_j reached 0.
+        touched: whether it is that d_j reached 0, as far as can be told.
+        crossing: whether it then closed in undiminished.
     """
 
     run: int
     car: int
     reason: str
     touched: bool = False
+    crossing: bool = False
 
 
 class Plant(Protocol):

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-from mjmerge.contract import HYPOTHESES
+from mjmerge.hypotheses import HYPOTHESES
 from mjmerge.phases import NAMES
 from mjmerge.record import arrow, plots, schema
 from mjmerge.record.plots import Line, Plot

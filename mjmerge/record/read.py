@@ -158,7 +158,10 @@ class Recorded:
             seeds=np.array([self.manifest["seed"]]),
             sheets=tuple(believed_sheets(scenario)),
             mismatch=(scenario.mismatch,),
-            stops=tuple(Stop(0, s["time_s"], s["car"], s["reason"], s.get("touched", False)) for s in stops),
+            stops=tuple(
+                Stop(0, s["time_s"], s["car"], s["reason"], s.get("touched", False), s.get("crossing", False))
+                for s in stops
+            ),
             continuous=bool(self.manifest["continuous"]),
             time_s=np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s,
             **columns,

@@ -19,7 +19,7 @@ def finished(header: Header, outcome: Outcome) -> str:
     found = outcome.summary
     worst = [f"- {e.time_s:.2f} s, {e.car or 'run'}: {e.text}" for e in outcome.events if e.level != "info"]
     reasons = [
-        *([found["verdict_reason"]] if "verdict_reason" in found else []),
+        *([found["reason"]] if "reason" in found else []),
         *found.get("verdict_doubts", ()),
     ]
     reason = f": {'; but '.join(reasons)}" if reasons else ""

@@ -17,7 +17,7 @@ def test_no_random_world_contradicts_the_theorem(seed):
     outcome = theorem.run(theorem.draw(seed, DURATION_S, 20), DURATION_S)
     assert not outcome.violated.any()
     assert not outcome.stuck.any()
-    assert outcome.challenged.sum() >= 5  # the barrier was really asked
+    assert outcome.close.sum() >= 5  # the barrier was really asked
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -73,8 +73,8 @@ def test_a_tally_counts_every_world_once_and_shrinks_what_it_finds(monkeypatch):
     outcomes = [o for _, o in theorem.campaign(60, 3, 2.0)]
     assert (tally.runs, done[-1]) == (60, 60)
     assert (tally.violated, tally.stuck, tally.counterexamples) == (0, 0, ())
-    assert tally.challenged == sum(o.challenged.sum() for o in outcomes)
-    least = np.concatenate([np.where(o.pinned, np.inf, o.least_m) for o in outcomes])
+    assert tally.close == sum(o.close.sum() for o in outcomes)
+    least = np.concatenate([np.where(o.unresolved, np.inf, o.least_m) for o in outcomes])
     assert tally.least_m == least.min()
 
     drawn = theorem.draw

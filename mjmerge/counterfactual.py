@@ -1,0 +1,52 @@
+"""What the barrier is worth in a run: the same scenario on the ideal plant, without it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mjmerge.mismatch import SENSING, Mismatch
+from mjmerge.scenario import Scenario
+from mjmerge.simulate import simulate
+from mjmerge.state import Array
+from mjmerge.trace import Trace
+
+IDEAL = "double_integrator"
+"""The plant of the paper's proof."""
+
+_THERE = (*SENSING, "command_delay_s")  # what of a mismatch acts on a double integrator
+_TOGETHER = 256  # simulations at a time: what they leave behind is large, and only its least is kept
+
+
+def unguarded(scenario: Scenario) -> Scenario:
+    """The scenario with its law's safety part taken out (k_o = 0), and nothing different in truth."""
+    law = scenario.law.model_copy(update={"k_o": 0.0})
+    return scenario.model_copy(update={"law": law, "mismatch": Mismatch()})
+
+
+def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
+    """How close simulations come on the ideal plant without the barrier: least d_1 and d_2, m, (M, 2).
+
+    With the same neighbours, seeds, measurements and dead time, as far as the ideal plant has them;
+    simulations that differ in nothing of that share one run. NaN where that run has no data.
+
+    Args:
+        trace: what happened with the barrier.
+        runs: which of its simulations, M of them.
+    """
+    cases: dict[tuple[int, Mismatch], int] = {}
+    which = [cases.setdefault(_case(trace, run), len(cases)) for run in runs]
+    least = np.full((len(cases), trace.distance_m.shape[2]), np.nan)
+    scenario, distinct = unguarded(trace.scenario), list(cases)
+    for first in range(0, len(distinct), _TOGETHER):
+        part = slice(first, first + _TOGETHER)
+        least[part] = simulate(scenario, IDEAL, cases=distinct[part]).min_distance_m
+    return least[which]
+
+
+def _case(trace: Trace, run: int) -> tuple[int, Mismatch]:
+    """Its seed, and what of its mismatch the ideal plant has; continuous time knows none."""
+    mismatch = trace.mismatch[run]
+    there = {} if trace.continuous else {name: getattr(mismatch, name) for name in _THERE}
+    return int(trace.seeds[run]), Mismatch(**there)

@@ -1,0 +1,70 @@
+"""How much dead time the loop can stand: against numbers by hand, and against a simulation of the loop."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjmerge.loops import longest_delay_s
+
+K_V, K_O, K_P = 2.0, 1.0, 0.7
+
+
+def at(d, *, turn=None):
+    turn = None if turn is None else np.array([turn])
+    return float(longest_delay_s(np.array([K_V + K_O / d]), K_P, turn)[0])
+
+
+@pytest.mark.parametrize(
+    ("d", "turn", "longest"),
+    [
+        (0.13, None, 0.161),  # the double integrator, not 2/pi d/k_o = 0.204
+        (0.13, 2.0 / 0.3302, 0.083),  # under the printed inverse of a 1/10 car at 2 m/s
+        (np.inf, 2.0 / 0.3302, 0.169),  # without a barrier
+    ],
+)
+def test_published_gains_stand_what_was_computed_by_hand(d, turn, longest):
+    assert at(d, turn=turn) == pytest.approx(longest, abs=1e-3)
+
+
+def test_at_full_size_and_25_mps_the_loop_without_barrier_stands_less():
+    s = 8.1  # lengths; k_p goes with 1/s, k_v with 1/sqrt(s)
+    longest = longest_delay_s(np.array([K_V / s**0.5]), K_P / s, np.array([25 / 2.7]))
+    assert longest[0] == pytest.approx(0.151, abs=1e-3)
+
+
+def test_the_bare_barrier_stands_a_quarter_turn():
+    assert longest_delay_s(np.array([K_O / 0.13]), 0.0)[0] == pytest.approx(np.pi * 0.13 / 2, rel=1e-12)
+
+
+def test_what_feeds_nothing_back_stands_any_delay():
+    assert np.isinf(longest_delay_s(np.zeros(3), 0.0)).all()
+
+
+@given(st.floats(0.01, 5), st.floats(0.1, 20))
+def test_a_car_at_rest_is_a_double_integrator_and_a_rolling_one_stands_less(d, turn):
+    assert at(d, turn=0.0) == pytest.approx(at(d), rel=1e-9)
+    assert 0 < at(d, turn=turn) < at(d)
+
+
+def grows(delay_s, K, a, step_s=5e-4, duration_s=40.0):  # noqa: N803
+    """Whether the loop with this dead time grows, by integration: x'' = -(K x' + k_p x) and the inverse's lag."""
+    late = round(delay_s / step_s)
+    history = np.zeros((late + 1, 3))
+    x = np.array([1.0, 0.0, 0.0])  # s^3 X + e^{-tau s}((a + K) s^2 + (k_p + a K) s + a k_p) X = 0
+    peak = []
+    for k in range(round(duration_s / step_s)):
+        history[k % (late + 1)] = x
+        old = history[(k + 1) % (late + 1)] if k >= late else np.zeros(3)
+        jerk = -((a + K) * old[2] + (K_P + a * K) * old[1] + a * K_P * old[0])
+        x = x + step_s * np.array([x[1], x[2], jerk])
+        peak.append(abs(x[1]))
+    half = len(peak) // 2
+    return max(peak[half:]) > max(peak[half // 2 : half])
+
+
+@pytest.mark.parametrize(("d", "turn"), [(np.inf, 2.0 / 0.3302), (0.13, 2.0 / 0.3302), (0.5, 8.0)])
+def test_the_loop_swings_up_beyond_that_delay_and_dies_down_before_it(d, turn):
+    K, longest = K_V + K_O / d, at(d, turn=turn)  # noqa: N806
+    assert grows(1.06 * longest, K, turn)
+    assert not grows(0.94 * longest, K, turn)
