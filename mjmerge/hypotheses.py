@@ -144,7 +144,8 @@ def _seen(trace: Trace) -> Mask:
 
 
 def _felt(trace: Trace) -> Mask:
-    off = np.abs(trace.sensed_distance_rate_mps - trace.distance_rate_mps)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(trace.sensed_distance_rate_mps - trace.distance_rate_mps)
     unfelt: Mask = np.any(off > FELT * trace.scenario.law.k_o, axis=2)
     return unfelt
 

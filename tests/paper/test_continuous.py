@@ -129,13 +129,13 @@ def test_where_two_margins_meet_the_run_stops_and_says_where():
     trace = simulate(squeezed(1.1), "double_integrator", continuous=True)
     (stop,) = trace.stops
     assert 1.5 < stop.time_s < 2.2
-    assert "reaches 0 (to 1e-08 m) at" in stop.reason
+    assert (stop.touched, stop.reason[:17]) == (True, "d_2 goes through ")
     there = trace.time_s < stop.time_s
     assert (trace.distance_m[0, there] > 0).all()
     assert np.isnan(trace.distance_m[0, ~there]).all()
     (verdict,) = judge(trace)
     assert (verdict.verdict, verdict.unsafe_at_s) == ("assumption broken", stop.time_s)
-    assert verdict.breaches[0].hypothesis == "neighbours leave 2r"
+    assert verdict.matters.hypothesis == "neighbours leave 2r"
 
 
 def test_a_run_that_stops_leaves_the_others_alone(monkeypatch):
@@ -198,13 +198,14 @@ def test_a_margin_that_is_touched_ends_the_run_at_that_time(monkeypatch):
     """The same run, with the solver's resolution at a distance that it does reach."""
     scenario = load("charge", ["duration_s=6"])
     whole = simulate(scenario, "double_integrator", continuous=True)
-    monkeypatch.setattr(continuous, "_TOUCHED_M", 0.3)
+    monkeypatch.setattr(continuous, "resolution_m", lambda law: 0.3)
     trace = simulate(scenario, "double_integrator", continuous=True)
     (stop,) = trace.stops
     d = whole.distance_m[0].min(axis=1)
     first = int(np.argmax(d <= 0.3))
     assert stop.time_s == whole.time_s[first]
-    assert stop.reason.startswith("d_2 reaches 0 (to 0.3 m) at 4.")
+    assert stop.reason.startswith("d_2 is below 0.3 m at 4.")
+    assert (stop.touched, stop.crossing) == (True, False)
     assert trace.front_m[0, :first].tobytes() == whole.front_m[0, :first].tobytes()
     assert np.isnan(trace.front_m[0, first:]).all()
 

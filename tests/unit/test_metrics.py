@@ -10,6 +10,7 @@ from mjmerge.metrics import (
     merged_at_s,
     saturated,
     touching_ticks_in_margin,
+    turned_rad,
 )
 from mjmerge.trace import Stop
 
@@ -23,7 +24,8 @@ def across(make_trace):
         front = np.zeros((*lateral_m.shape, 3, 2))
         front[:, :, 0, 1] = 3.0 + lateral_m
         front[:, :, 1, 1] = 3.0
-        return make_trace(ticks=lateral_m.shape[1], runs=len(lateral_m), front_m=front, **given)
+        along = {"heading_rad": 0.0} | given
+        return make_trace(ticks=lateral_m.shape[1], runs=len(lateral_m), front_m=front, **along)
 
     return build
 
@@ -58,6 +60,34 @@ def test_missing_data_never_count_as_merged(across):
 def test_simulations_merge_each_on_its_own(across):
     found = merged_at_s(across([[1.0, 0.0, 0.0], [1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.nan]]))
     assert found == pytest.approx([0.01, np.nan, 0.02, np.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "bicycle_limited", "mujoco"])
+def test_a_car_across_the_road_or_turning_has_not_merged_however_well_in_lane(across, plant):
+    askew, turning = np.zeros((1, 60, 3)), np.zeros((1, 60, 3))
+    askew[0, :30, 0] = -1.1
+    turning[0, :30, 0] = 0.03 * np.sin(2 * np.pi * 5 * 0.01 * np.arange(30))
+    straight = across([0.0] * 60, plant=plant)
+    assert merged_at_s(straight) == pytest.approx([0.0])
+    assert merged_at_s(across([0.0] * 60, heading_rad=askew, plant=plant)) == pytest.approx([0.4])
+    assert 0.3 <= merged_at_s(across([0.0] * 60, heading_rad=turning, plant=plant))[0] <= 0.4
+    assert np.isnan(merged_at_s(across([0.0] * 60, heading_rad=np.nan, plant=plant))).all()
+
+
+def test_a_point_has_no_heading_to_be_askew(across):
+    standing = across([0.0] * 5, plant="double_integrator", heading_rad=np.pi / 2)
+    assert merged_at_s(standing) == pytest.approx([0.0])
+    assert np.isnan(turned_rad(standing)).all()
+
+
+def test_how_far_the_ego_turned_off_the_road_is_signed_and_an_event(across):
+    heading = np.zeros((1, 60, 3))
+    heading[0, 20:30, 0], heading[0, 40, 0] = -1.1, 0.4
+    trace = across([0.0] * 60, heading_rad=heading)
+    assert turned_rad(trace) == pytest.approx([-1.1])
+    (event,) = [e for e in events(trace) if "across the road" in e.text]
+    assert (event.time_s, event.car) == (pytest.approx(0.2), "ego")
+    assert "-63 degrees" in event.text
 
 
 def test_saturated_is_any_clipping_and_unknown_is_not(make_trace):

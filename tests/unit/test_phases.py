@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjmerge.contract import HYPOTHESES
+from mjmerge.hypotheses import HYPOTHESES
 from mjmerge.phases import ENDED, NAMES, phases
 from mjmerge.trace import Stop
 
@@ -13,7 +13,14 @@ T = 40
 def trace_of(make_trace, **given):
     front = np.zeros((1, T, 3, 2))
     front[:, :, 0, 1] = 1.4
-    still = {"front_m": front, "distance_m": 0.5, "clearance_m": 0.2, "weight": 0.0, "speed_mps": 2.0}
+    still = {
+        "front_m": front,
+        "distance_m": 0.5,
+        "clearance_m": 0.2,
+        "weight": 0.0,
+        "speed_mps": 2.0,
+        "heading_rad": 0.0,
+    }
     calm = {"velocity_mps": 0.0, "u_mps2": 0.0, "torque_clipped_n_m": 0.0, "steer_clipped_rad": 0.0}
     return make_trace(ticks=T, **(still | calm | given))
 
