@@ -20,7 +20,7 @@ from mjmerge.loader import car_sheets
 from mjmerge.loops import longest_delay_s
 from mjmerge.metrics import saturated
 from mjmerge.mismatch import column
-from mjmerge.state import Mask, norm
+from mjmerge.state import Mask, dot, norm
 from mjmerge.trace import Trace
 
 OBEYS_WINDOW_S, OBEYS_MPS = 0.1, 0.1
@@ -192,6 +192,9 @@ def _sampled_finely(trace: Trace) -> Mask:
     The held loop is stable while its gain k_v + sum_j k_o/d_j is below 2/h (with one neighbour and without
     k_v: d > k_o h/2). And with a small k_o a single tick jumps over that bound, and over d = 0: it must not
     be able to, d_j + d_j' h > 0.
+
+    Whatever crosses d = 0 passes a tick like that. So it counts only where the barrier does what it says: the
+    fault is not the hold's where u_c is not what (barrier) gives for what the ego was told, at least by half.
     """
     law, h, d = trace.scenario.law, trace.scenario.control_step_s, trace.distance_m
     near = d > 0  # inside the margin it is too late for an excuse
@@ -199,7 +202,18 @@ def _sampled_finely(trace: Trace) -> Mask:
         gain = law.k_v + np.sum(np.where(near, law.k_o / effective_distance(law, d), 0.0), axis=2)
     jumps = np.any(near & (d + np.minimum(trace.distance_rate_mps, 0) * h <= 0), axis=2)
     coarse: Mask = np.any(near, axis=2) & (jumps | (gain * h >= 2))
-    return coarse
+    return coarse & _barrier_acts(trace)
+
+
+def _barrier_acts(trace: Trace) -> Mask:
+    """Whether u_c has, along the barrier's command for what the ego was told, at least half its size."""
+    law, p, d = trace.scenario.law, trace.front_m, trace.sensed_distance_m
+    e = p[:, :, :1] - p[:, :, 1:]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        closing = -np.minimum(trace.sensed_distance_rate_mps, 0) / effective_distance(law, d)
+        told = law.k_o * np.sum(np.where(d > 0, closing, 0.0)[..., None] * e / norm(e)[..., None], axis=2)
+        acts: Mask = dot(trace.u_c_mps2, told) >= dot(told, told) / 2
+    return acts
 
 
 def _prompt(trace: Trace) -> Mask:

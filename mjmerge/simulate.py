@@ -111,7 +111,7 @@ def simulate(
         u_j = traffic.intend(cars, t)
         seen, u_1 = sense(cars, u_j[:, 0])
         decision = decide(law, Sensed.of(seen, u_1), z)
-        truth = decision.geometry if sense.exact else geometry(law, Sensed.of(cars, u_j[:, 0]))
+        truth = geometry(law, Sensed.of(cars, u_j[:, 0]))  # by itself: not what the law makes of it
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)

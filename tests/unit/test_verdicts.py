@@ -10,6 +10,8 @@ from mjmerge.loader import data_sheet
 from mjmerge.trace import Stop
 
 T = 60
+AWAY = np.array([-1.2, 1.4]) / np.hypot(1.2, 1.4)
+"""From Vehicle 1 to the ego in a calm trace."""
 
 
 @pytest.fixture
@@ -68,8 +70,7 @@ def slowed(to, sign=-1.0):
     """The columns of a run that dips to a distance from Vehicle 1, slowed by a barrier all the way."""
     d = dipping(to)
     rate = np.gradient(d, 0.01, axis=1)
-    towards = np.array([-1.2, 1.4]) / np.hypot(1.2, 1.4)
-    return {"distance_m": d, "distance_rate_mps": rate, "u_c_mps2": sign * rate[..., :1] * towards}
+    return {"distance_m": d, "distance_rate_mps": rate, "u_c_mps2": sign * rate[..., :1] * AWAY}
 
 
 def only(trace, without=(-0.2, 0.9)):
@@ -367,10 +368,15 @@ def test_a_second_violation_that_nothing_excuses_is_not_covered_by_the_excuse_of
 
 
 def test_a_tick_that_can_jump_over_what_is_left_breaks_the_hold(calm):
-    rate = np.zeros((1, T, 2))
+    rate, u_c = np.zeros((1, T, 2)), np.zeros((1, T, 2))
     rate[0, 30, 0] = -1.1
-    assert broken(calm(distance_m=dipping(0.0111), distance_rate_mps=rate)) == set()
-    assert broken(calm(distance_m=dipping(0.0109), distance_rate_mps=rate)) == {"hold small against d"}
+    u_c[0, 30] = 1.1 / 0.011 * AWAY
+    run = {"distance_rate_mps": rate, "u_c_mps2": u_c}
+    assert broken(calm(distance_m=dipping(0.0111), **run)) == set()
+    assert broken(calm(distance_m=dipping(0.0109), **run)) == {"hold small against d"}
+    for other in (0.4, 0.0, -1.0):  # it was not the hold, but a barrier that did not do what it says
+        run["u_c_mps2"] = other * u_c
+        assert broken(calm(distance_m=dipping(0.0109), **run)) == set()
 
 
 def test_an_unsafe_run_of_which_something_is_not_known_is_not_refuted(calm):
