@@ -18,7 +18,7 @@ from mjmerge.trace import Trace
 
 _RELATIVE = 1e-9
 _MARGINS = ("min_distance_m", "t_min_distance_s", "min_clearance_m", "floor_m", "floor_held")
-_VERDICT = ("verdict", "verdict_reason", "verdicts")
+_VERDICT = ("verdict", "reason", "verdicts")
 _NOTHING = "nothing to report"
 
 

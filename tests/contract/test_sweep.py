@@ -231,18 +231,23 @@ def test_the_command_prints_one_object_and_the_folder_holds_table_report_and_fig
 
 
 def test_a_run_without_data_or_that_stopped_has_failed_and_a_vacuous_one_counts_neither_way(make_trace):
-    """Four runs: safe and challenged, safe and not, stopped while safe, without any data."""
-    d = np.full((4, 40, 2), 1.0)
-    d[0, 20:, 0] = 0.3
+    """Four runs: safe because of the barrier, safe without it, stopped while safe, without any data."""
+    d, rate, u_c = np.full((4, 40, 2), 1.0), np.zeros((4, 40, 2)), np.zeros((4, 40, 2))
+    d[0, 20:, 0], rate[0, 20, 0], u_c[0, 20, 0] = 0.3, -1.0, 1.0
+    front = np.zeros((4, 40, 3, 2))
+    front[:, :, 0, 0], front[:, :, 2, 0] = 1.6, 3.2
     d[2, 20:] = np.nan
     d[3] = np.nan
     trace = make_trace(
         runs=4,
         distance_m=d,
+        distance_rate_mps=rate,
         sensed_distance_m=d,
+        front_m=front,
+        u_c_mps2=u_c,
         stops=[Stop(2, 0.2, "ego", "off"), Stop(3, 0.0, "ego", "off")],
     )
-    found = rows(trace, judge(trace))
+    found = rows(trace, judge(trace, np.array([[0.1, 1.0], *[[1.0, 1.0]] * 3])))
     assert [row["outcome"] for row in found] == [PASSED, EMPTY, FAILED, FAILED]
     assert [row["min_distance_m"] for row in found] == [0.3, 1.0, 1.0, None]
     rate = sweep_report.failure_rate(found)

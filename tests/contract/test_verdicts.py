@@ -139,7 +139,9 @@ def test_held_means_that_a_run_without_the_barrier_comes_out_worse():
 
 @pytest.mark.parametrize("plant", [IDEAL, "bicycle", "bicycle_limited", "mujoco"])
 def test_a_neighbour_that_drives_into_the_other_is_said_on_every_plant(plant):
-    verdict = verdict_of("charge", "drivers.vehicle_2={kind: steady, speed_mps: 4}", "duration_s=4", plant=plant)
+    verdict = verdict_of(
+        "charge", "drivers.vehicle_2={kind: steady, speed_mps: 4}", "duration_s=4", plant=plant
+    )
     assert "neighbours keep apart" in [b.hypothesis for b in verdict.breaches]
     bodies = [(c.a, c.b) for c in verdict.collisions]
     assert bodies == ([("vehicle_1", "vehicle_2")] if plant == "mujoco" else [])

@@ -198,7 +198,7 @@ def test_a_margin_that_is_touched_ends_the_run_at_that_time(monkeypatch):
     """The same run, with the solver's resolution at a distance that it does reach."""
     scenario = load("charge", ["duration_s=6"])
     whole = simulate(scenario, "double_integrator", continuous=True)
-    monkeypatch.setattr(continuous, "resolution_m", lambda law: 0.3)
+    monkeypatch.setattr(continuous, "resolution_m", lambda _law: 0.3)
     trace = simulate(scenario, "double_integrator", continuous=True)
     (stop,) = trace.stops
     d = whole.distance_m[0].min(axis=1)

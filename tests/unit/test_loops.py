@@ -47,8 +47,8 @@ def test_a_car_at_rest_is_a_double_integrator_and_a_rolling_one_stands_less(d, t
     assert 0 < at(d, turn=turn) < at(d)
 
 
-def grows(delay_s, K, a, step_s=5e-4, duration_s=40.0):  # noqa: N803
-    """Whether the loop with this dead time grows, by integration: x'' = -(K x' + k_p x) and the inverse's lag."""
+def grows(delay_s, K, a, step_s=5e-4, duration_s=40.0):
+    """Whether the loop with this dead time grows, by integration."""
     late = round(delay_s / step_s)
     history = np.zeros((late + 1, 3))
     x = np.array([1.0, 0.0, 0.0])  # s^3 X + e^{-tau s}((a + K) s^2 + (k_p + a K) s + a k_p) X = 0
@@ -65,6 +65,6 @@ def grows(delay_s, K, a, step_s=5e-4, duration_s=40.0):  # noqa: N803
 
 @pytest.mark.parametrize(("d", "turn"), [(np.inf, 2.0 / 0.3302), (0.13, 2.0 / 0.3302), (0.5, 8.0)])
 def test_the_loop_swings_up_beyond_that_delay_and_dies_down_before_it(d, turn):
-    K, longest = K_V + K_O / d, at(d, turn=turn)  # noqa: N806
+    K, longest = K_V + K_O / d, at(d, turn=turn)
     assert grows(1.06 * longest, K, turn)
     assert not grows(0.94 * longest, K, turn)
