@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjmerge.mismatch import SENSING, Mismatch
+from mjmerge.effect import acting
+from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import Scenario
 from mjmerge.simulate import simulate
 from mjmerge.state import Array
@@ -15,14 +16,13 @@ from mjmerge.trace import Trace
 IDEAL = "double_integrator"
 """The plant of the paper's proof."""
 
-_THERE = (*SENSING, "command_delay_s")  # what of a mismatch acts on a double integrator
 _TOGETHER = 256  # simulations at a time: what they leave behind is large, and only its least is kept
 
 
 def unguarded(scenario: Scenario) -> Scenario:
     """The scenario with its law's safety part taken out (k_o = 0), and nothing different in truth."""
     law = scenario.law.model_copy(update={"k_o": 0.0})
-    return scenario.model_copy(update={"law": law, "mismatch": Mismatch()})
+    return scenario.settled().model_copy(update={"law": law, "mismatch": Mismatch()})
 
 
 def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
@@ -47,6 +47,5 @@ def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
 
 def _case(trace: Trace, run: int) -> tuple[int, Mismatch]:
     """Its seed, and what of its mismatch the ideal plant has; continuous time knows none."""
-    mismatch = trace.mismatch[run]
-    there = {} if trace.continuous else {name: getattr(mismatch, name) for name in _THERE}
-    return int(trace.seeds[run]), Mismatch(**there)
+    there = trace.scenario.model_copy(update={"mismatch": trace.mismatch[run]})
+    return int(trace.seeds[run]), acting(there, IDEAL, continuous=trace.continuous).mismatch
