@@ -13,8 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge import share
+from mjmerge.acts import BODIES
+from mjmerge.delay import steps_late
 from mjmerge.effect import acting, declared
-from mjmerge.loader import dump
+from mjmerge.loader import car_sheets, dump
+from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import CARS, Road, Scenario
 
 if TYPE_CHECKING:
@@ -53,7 +56,7 @@ def same_as(cases: Sequence[Case]) -> tuple[int, ...]:
             batches[id(batch)] = _content(batch), _drawn(batch.scenario)
         content, drawn = batches[id(batch)]
         here = batch.scenario.model_copy(update={"mismatch": case.mismatch})
-        mismatch = acting(here, batch.plant, continuous=batch.continuous).mismatch
+        mismatch = _in_steps(acting(here, batch.plant, continuous=batch.continuous), batch.plant)
         seeded = drawn or _noisy(here, batch.plant, batch.continuous)
         found.append(first.setdefault((content, mismatch, case.seed if seeded else None), i))
     return tuple(found)
@@ -62,9 +65,28 @@ def same_as(cases: Sequence[Case]) -> tuple[int, ...]:
 def _content(batch: Batch) -> str:
     """All that runs of a batch depend on but mismatch and seed; equal texts, equal runs."""
     scenario = acting(batch.scenario, batch.plant, continuous=batch.continuous)
-    plain: dict[str, Any] = {"description": "", "gate": (), "road": Road()}
-    plain["mismatch"] = type(scenario.mismatch)()
+    ego = car_sheets(scenario)[0]
+    believed = {key: None if v == getattr(ego, key) else v for key, v in scenario.belief}
+    where = {car: str(share.model_folder(getattr(scenario.models, car))) for car in CARS}
+    plain: dict[str, Any] = {
+        "description": "",
+        "gate": (),
+        "road": Road(),
+        "mismatch": Mismatch(),
+        "belief": scenario.belief.model_copy(update=believed),
+        "models": scenario.models.model_copy(update=where),
+        "law": scenario.law.model_copy(update={"variant": "+".join(sorted(scenario.law.variant.split("+")))}),
+    }
     return f"{batch.plant} {batch.continuous}\n{dump(scenario.model_copy(update=plain))}"
+
+
+def _in_steps(scenario: Scenario, plant: str) -> Mismatch:
+    """Its mismatch with the dead time that a plant makes of it: physics has whole steps."""
+    mismatch, step_s = scenario.mismatch, scenario.physics_step_s
+    if plant not in BODIES or not mismatch.command_delay_s:
+        return mismatch
+    late_s = float(steps_late(mismatch.command_delay_s, step_s)) * step_s
+    return mismatch.model_copy(update={"command_delay_s": late_s})
 
 
 def distinct(rows: Sequence[Mapping[str, Any]]) -> list[Any]:

@@ -67,6 +67,11 @@ def test_another_seed_is_another_run_exactly_where_something_is_random(name, giv
         ({"variants": ["literal", "capped"], "grid": {"law.d_cap_m": [0.1, 0.2]}}, 4, 3),
         ({"random": {"draws": 8, "axes": {"mismatch.sensing_delay_s": {"choice": [0.1, 0.2]}}}}, 8, 2),
         ({"plants": ["double_integrator", "bicycle"], "seeds": 2}, 4, 2),
+        ({"variants": ["capped+gated", "gated+capped"]}, 2, 1),
+        ({"plants": ["bicycle"], "mismatches": {"a": {}, "b": {"belief.wheelbase_m": 0.3302}}}, 2, 1),
+        ({"plants": ["mujoco"], "grid": {"mismatch.command_delay_s": [0.0101, 0.0105, 0.012]}}, 3, 2),
+        ({"plants": ["bicycle"], "grid": {"mismatch.command_delay_s": [0.0101, 0.0105, 0.012]}}, 3, 3),
+        ({"mismatches": {"a": {}, "b": {"models.ego": str(share.models()["rc"])}}}, 2, 1),
     ],
 )  # fmt: skip
 def test_copies_are_found_however_they_come_about(keys, runs, distinct):
@@ -74,6 +79,11 @@ def test_copies_are_found_however_they_come_about(keys, runs, distinct):
     assert len(plan.cases) == runs
     assert len(set(plan.same_as)) == distinct
     assert all(same <= i and plan.same_as[same] == same for i, same in enumerate(plan.same_as))
+    moves = []
+    for case in plan.cases:
+        scenario = case.batch.scenario.model_copy(update={"mismatch": case.mismatch})
+        moves.append(bits(scenario, case.batch.plant, case.seed))
+    assert all(moves[same] == moves[i] for i, same in enumerate(plan.same_as))
 
 
 def test_a_scenario_listed_twice_or_under_another_name_with_the_same_content_is_a_copy(tmp_path):
