@@ -45,7 +45,10 @@ class List:
             "campaigns": lambda: {name: campaign_line(path) for name, path in share.campaigns().items()},
             "models": lambda: {name: described(name, folder) for name, folder in share.models().items()},
             "laws": lambda: VARIANTS,
-            "drivers": lambda: {name: first_line(cls.__doc__) for name, cls in sorted(kinds().items())},
+            "drivers": lambda: {
+                name: f"{first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"
+                for name, cls in sorted(kinds().items())
+            },
             "plants": lambda: PLANTS,
         }
         console = Console(highlight=False)

@@ -21,6 +21,11 @@ Forwards = Annotated[float, Field(ge=0, le=FASTEST_MPS)]
 """A speed of a car that does not reverse, m/s."""
 
 
+def overlap(end_s: float, start_s: float) -> bool:
+    """Whether what starts then does so before what went before ended, by more than rounding."""
+    return end_s - start_s > 1e-9 * end_s
+
+
 @dataclass(frozen=True)
 class Along:
     """A car along the road: its motion, and how far its body reaches.

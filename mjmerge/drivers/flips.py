@@ -13,7 +13,10 @@ from mjmerge.drivers.base import Along, Array, Driver
 
 
 class Flips(Driver):
-    """An intermittent yielder: between two gaps, at random times, within an acceleration limit."""
+    """An intermittent yielder: between two gaps, at random times, within an acceleration limit.
+
+    Behind a leader that stands it opens its gap by reversing; ``idm`` never does.
+    """
 
     kind: Literal["flips"] = "flips"
     closed_gap_m: float = Field(gt=0)

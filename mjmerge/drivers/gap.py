@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import Along, Array, Driver
+from mjmerge.drivers.base import Along, Array, Driver, overlap
 from mjmerge.frozen import Frozen
 
 
@@ -50,7 +50,8 @@ class Move(Frozen):
 class Gap(Driver):
     """Follows a gap profile behind the leader: yields by opening it, refuses by closing it.
 
-    The intended acceleration is the profile's own plus a critically damped return to it.
+    The intended acceleration is the profile's own plus a critically damped return to it. Behind a leader that
+    stands it opens its gap by reversing; ``idm`` never does.
     """
 
     kind: Literal["gap"] = "gap"
@@ -70,7 +71,7 @@ class Gap(Driver):
             yield "sway.amplitude_m", f"{narrow}, got {self.sway.amplitude_m}: it would close"
         for i, (before, move) in enumerate(pairwise(self.moves), start=1):
             end = before.start_s + before.duration_s
-            if move.start_s < end:
+            if overlap(end, move.start_s):
                 yield (
                     f"moves.{i}.start_s",
                     (f"starts at {move.start_s} s, before the move above it ends, at {end:g} s"),

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import Along, Array, Driver, Forwards
+from mjmerge.drivers.base import Along, Array, Driver, Forwards, overlap
 from mjmerge.frozen import Frozen
 
 
@@ -52,7 +52,7 @@ class Speeds(Driver):
     def problems(self) -> Iterator[tuple[str, str]]:
         """See :meth:`Driver.problems`."""
         for i, ((_, end_s, _, _), (start_s, _, _, _)) in enumerate(pairwise(self._ramps()), start=1):
-            if end_s - start_s > 1e-9 * end_s:  # more than rounding
+            if overlap(end_s, start_s):
                 late = f"before the change above it ends, at {end_s:g} s"
                 yield f"changes.{i}.start_s", f"starts at {start_s} s, {late}"
 

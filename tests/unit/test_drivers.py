@@ -19,6 +19,7 @@ from mjmerge.drivers.speeds import Change, Speeds
 from mjmerge.drivers.steady import Steady
 from mjmerge.errors import MjmergeError
 from mjmerge.loader import car_sheets, load
+from mjmerge.units import rescaled
 
 
 def example(kind):
@@ -324,6 +325,17 @@ def test_changes_of_speed_that_overlap_or_are_out_of_order_are_told_and_those_th
         assert problem[0] == "changes.1.start_s"
     meets = Change(start_s=5.5, rate_mps2=1.0, speed_mps=1.0)
     assert not list(Speeds(speed_mps=2.0, changes=(first, meets)).problems())
+
+
+@given(st.floats(0.1, 10), st.floats(0.1, 10), st.floats(0.05, 50))
+def test_changes_that_meet_still_meet_at_any_other_size(start_s, speed_mps, length):
+    first = Change(start_s=start_s, rate_mps2=3.0, speed_mps=0.0)
+    then = Change(start_s=start_s + speed_mps / 3.0, rate_mps2=1.0, speed_mps=1.0)
+    move = Move(start_s=start_s, duration_s=speed_mps, gap_m=2.0)
+    after = Move(start_s=start_s + speed_mps, duration_s=1.0, gap_m=1.0)
+    speeds = Speeds(speed_mps=speed_mps, changes=(first, then))
+    for driver in (speeds, Gap(gap_m=1.0, moves=(move, after))):
+        assert not list(rescaled(driver, length, sqrt(length)).problems())
 
 
 idms = st.builds(
