@@ -88,6 +88,10 @@ class UnknownNameError(MjmergeError):
         super().__init__(f"no {kind} called {name!r}: {nearest(name, valid)}")
 
 
+class BadNameError(MjmergeError):
+    """A name that something new cannot have."""
+
+
 class ModelError(MjmergeError):
     """A car model or a composed world that is not what the rest relies on."""
 

@@ -20,6 +20,7 @@ from mjmerge.cli.crash import report
 from mjmerge.cli.export import Export
 from mjmerge.cli.identify import Identify
 from mjmerge.cli.list import List
+from mjmerge.cli.new import New
 from mjmerge.cli.recover import Recover
 from mjmerge.cli.replay import Replay
 from mjmerge.cli.reproduce import Reproduce
@@ -45,6 +46,7 @@ COMMANDS: tuple[Any, ...] = (
     Survey,
     Identify,
     List,
+    New,
     View,
     Verify,
     Replay,

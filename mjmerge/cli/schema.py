@@ -10,16 +10,19 @@ import tyro
 
 @dataclass(frozen=True)
 class Schema:
-    """Print the JSON Schema of scenario or campaign files, for editors."""
+    """Print the JSON Schema of scenarios, campaigns or cars' data sheets, for editors."""
 
-    what: Annotated[Literal["scenario", "campaign"], tyro.conf.Positional] = "scenario"
+    what: Annotated[Literal["scenario", "campaign", "datasheet"], tyro.conf.Positional] = "scenario"
     """Which kind of file."""
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
         from mjmerge.campaign import Campaign
+        from mjmerge.datasheet import DataSheet
+        from mjmerge.frozen import Frozen
         from mjmerge.loader import json_schema
         from mjmerge.scenario import Scenario
 
-        print(json_schema(Scenario if self.what == "scenario" else Campaign), end="")
+        kinds: dict[str, type[Frozen]] = {"scenario": Scenario, "campaign": Campaign, "datasheet": DataSheet}
+        print(json_schema(kinds[self.what]), end="")
         return 0
