@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -56,9 +58,18 @@ def motion(trace, run=0):
     return [getattr(trace, name)[run].tobytes() for name in names]
 
 
-def alone(plant, continuous=False, **sections):
-    """The motion of a scenario in whose own file these sections stand."""
-    return motion(mjmerge.simulate(HARD.model_copy(update=sections), plant, continuous=continuous))
+def alone(scenario, plant, continuous=False):
+    """The motion of a scenario in whose own file everything stands."""
+    return motion(mjmerge.simulate(scenario, plant, continuous=continuous))
+
+
+@cache
+def base(variant):
+    """The scenario under a variant of the law, and its motion everywhere."""
+    law = HARD.law.model_copy(update={"variant": variant})
+    initial = HARD.initial.model_copy(update={"z": 0.5})
+    scenario = HARD.model_copy(update={"law": law, "initial": initial})
+    return scenario, {world: alone(scenario, *world) for world in WORLDS}
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +100,9 @@ def test_an_axis_changes_the_motion_exactly_where_it_says(axis, on_cars):
         elif continuous and axis not in ("command_delay_s", "neighbour_dropout", "heading_noise_rad"):
             continue  # one of each way in is as good as all, and a differential equation takes its time
         else:
-            with_, rest = (alone(plant, continuous, mismatch=m) for m in (there, away))
+            with_, rest = (
+                alone(HARD.model_copy(update={"mismatch": m}), plant, continuous) for m in (there, away)
+            )
         assert (with_ != rest) == says, f"{plant}, continuous: {continuous}"
 
 
@@ -110,15 +123,14 @@ KEYS = {
 )
 def test_another_key_changes_the_motion_exactly_where_it_says(key, variant):
     assert set(KEYS) == {k for k in declared() if not k.startswith(("mismatch.", "gate"))}
-    law = HARD.law.model_copy(update={"variant": variant})
-    base = HARD.model_copy(update={"law": law, "initial": HARD.initial.model_copy(update={"z": 0.5})})
+    scenario, before = base(variant)
     section, _, name = key.rpartition(".")
-    value = KEYS[key] if not section else getattr(base, section).model_copy(update={name: KEYS[key]})
-    other = base.model_copy(update={section or name: value})
-    for plant, continuous in WORLDS:
-        runs = [motion(mjmerge.simulate(s, plant, continuous=continuous)) for s in (base, other)]
+    value = KEYS[key] if not section else getattr(scenario, section).model_copy(update={name: KEYS[key]})
+    other = scenario.model_copy(update={section or name: value})
+    for world in WORLDS:
+        plant, continuous = world
         says = key not in without(other, plant, continuous=continuous)
-        assert (runs[0] != runs[1]) == says, f"{plant}, continuous: {continuous}"
+        assert (alone(other, plant, continuous) != before[world]) == says, world
 
 
 LONELY = [
@@ -134,7 +146,7 @@ LONELY = [
 ]
 
 
-def test_an_axis_without_what_gives_it_a_meaning_changes_nothing_and_says_so():
+def test_an_axis_without_what_gives_it_a_meaning_changes_nothing_and_says_so(monkeypatch):
     cases = []
     for keys, lonely in LONELY:
         mismatch = Mismatch(**keys)
@@ -144,12 +156,10 @@ def test_an_axis_without_what_gives_it_a_meaning_changes_nothing_and_says_so():
             mjmerge.simulate(HARD, "mujoco", cases=[(0, mismatch)])
         cases += [mismatch, acting(scenario, "mujoco").mismatch]
         assert cases[-1] != cases[-2]
-    for with_, rest in zip(cases[::2], cases[1::2], strict=True):
-        short = HARD.model_copy(update={"duration_s": 0.1})
-        one, other = (
-            mjmerge.simulate(short.model_copy(update={"mismatch": m}), "mujoco") for m in (with_, rest)
-        )
-        assert motion(one) == motion(other), with_
+    monkeypatch.setattr(import_module("mjmerge.simulate"), "check_effect", lambda *_, **__: None)
+    trace = mjmerge.simulate(HARD, "mujoco", cases=[(0, m) for m in cases])
+    for i in range(0, len(cases), 2):
+        assert motion(trace, i) == motion(trace, i + 1), cases[i]
 
 
 def test_the_documentation_says_where_every_key_acts():
@@ -394,7 +404,7 @@ def test_a_ladder_says_on_which_rungs_a_key_is_without_effect(capsys):
     assert {name for name, names in idle.items() if names} == {"ideal", "held", "delayed", "bicycle"}
     assert ladder.idle_lines(found) == ["belief.mass_kg is without effect on: ideal, held, delayed, bicycle."]
     assert ladder.as_json(found)["rungs"][0]["no_effect"] == ["belief.mass_kg"]
-    for rung in found.rungs:  # and its command is one that `run` accepts
+    for rung in found.rungs[1:-1:2]:  # and its command is one that `run` accepts
         code, out, _ = ended(*shlex.split(rung.command)[1:], "--no-record", "--json", capsys=capsys)
         assert code in (0, 1)
         assert json.loads(out)["min_distance_m"]["vehicle_1"] == rung.row["min_d_1_m"]
