@@ -48,6 +48,7 @@ def _noisy(scenario: Scenario, plant: str, continuous: bool) -> bool:
 def same_as(cases: Sequence[Case]) -> tuple[int, ...]:
     """For each run, the index of the first that is the same run."""
     batches: dict[int, tuple[str, bool]] = {}
+    truths: dict[tuple[int, int], tuple[Mismatch, bool]] = {}
     first: dict[object, int] = {}
     found = []
     for i, case in enumerate(cases):
@@ -55,9 +56,12 @@ def same_as(cases: Sequence[Case]) -> tuple[int, ...]:
         if id(batch) not in batches:
             batches[id(batch)] = _content(batch), _drawn(batch.scenario)
         content, drawn = batches[id(batch)]
-        here = batch.scenario.model_copy(update={"mismatch": case.mismatch})
-        mismatch = _in_steps(acting(here, batch.plant, continuous=batch.continuous), batch.plant)
-        seeded = drawn or _noisy(here, batch.plant, batch.continuous)
+        truth = id(batch), id(case.mismatch)  # seeds of one point share it
+        if truth not in truths:
+            here = batch.scenario.model_copy(update={"mismatch": case.mismatch})
+            acts_as = _in_steps(acting(here, batch.plant, continuous=batch.continuous), batch.plant)
+            truths[truth] = acts_as, drawn or _noisy(here, batch.plant, batch.continuous)
+        mismatch, seeded = truths[truth]
         found.append(first.setdefault((content, mismatch, case.seed if seeded else None), i))
     return tuple(found)
 

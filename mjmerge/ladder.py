@@ -184,6 +184,7 @@ def as_json(ladder: Ladder) -> dict[str, Any]:
                     k: rung.row[k]
                     for k in ("min_distance_m", "min_d_1_m", "min_d_2_m", "verdict", "floor_held")
                 },
+                "held_back": _held_back(ladder, rung),
                 "no_effect": list(rung.idle),
                 "command": rung.command,
             }
@@ -192,12 +193,19 @@ def as_json(ladder: Ladder) -> dict[str, Any]:
     }
 
 
+def _held_back(ladder: Ladder, rung: Rung) -> list[str]:
+    """Axes of mismatch that wait for a later rung."""
+    last, here = ladder.rungs[-1].case.mismatch, rung.case.mismatch
+    at_rest = Mismatch()
+    return [MISMATCH + name for name, v in last if v not in (getattr(here, name), getattr(at_rest, name))]
+
+
 def markdown(ladder: Ladder) -> str:
     """The ladder as a table, with the command of every rung."""
     lines = [
         f"# The ladder of {ladder.scenario.name}",
         "",
-        _delay(ladder),
+        delay_line(ladder),
         "",
         "| rung | adds | min d_1 (m) | min d_2 (m) | least (m) | costs (mm) | verdict |",
         "|---|---|---|---|---|---|---|",
@@ -286,7 +294,8 @@ def waterfall(ladder: Ladder) -> Figure:
     return figure
 
 
-def _delay(ladder: Ladder) -> str:
+def delay_line(ladder: Ladder) -> str:
+    """What of a mismatch is in force from which rung on, in words."""
     why = "nominal, because the scenario has none" if ladder.nominal else "the scenario's own"
     return f"The command delay is {ladder.delay_s:g} s ({why}); any other mismatch waits for the last rung."
 

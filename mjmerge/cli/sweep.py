@@ -123,8 +123,8 @@ class Sweep:
             console = Console(highlight=False)
             console.print(f"[bold]{found.scenario.name}[/], rung by rung")
             console.print(ladder.rich_table(found))
-            for line in ladder.idle_lines(found):
-                console.print(line, markup=False)
+            for line in (ladder.delay_line(found), *ladder.idle_lines(found)):
+                console.print(line, markup=False, soft_wrap=True)
             console.print(f"plot and table:  [bold]{folder}[/]", soft_wrap=True)
         return 3 if any(rung.row["stopped"] for rung in found.rungs) else 0
 

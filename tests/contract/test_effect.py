@@ -403,7 +403,11 @@ def test_a_ladder_says_on_which_rungs_a_key_is_without_effect(capsys):
     idle = {rung.name: set(rung.idle) for rung in found.rungs}
     assert {name for name, names in idle.items() if names} == {"ideal", "held", "delayed", "bicycle"}
     assert ladder.idle_lines(found) == ["belief.mass_kg is without effect on: ideal, held, delayed, bicycle."]
-    assert ladder.as_json(found)["rungs"][0]["no_effect"] == ["belief.mass_kg"]
+    rungs = ladder.as_json(found)["rungs"]
+    assert rungs[0]["no_effect"] == ["belief.mass_kg"]
+    late, slippery = "mismatch.command_delay_s", "mismatch.friction"
+    held_back = [[slippery, late], [slippery, late], *[[slippery]] * 5, []]
+    assert [rung["held_back"] for rung in rungs] == held_back
     for rung in found.rungs[1:-1:2]:  # and its command is one that `run` accepts
         code, out, _ = ended(*shlex.split(rung.command)[1:], "--no-record", "--json", capsys=capsys)
         assert code in (0, 1)
