@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.breaking import Break, Range, Tried, Until, margin
-from mjmerge.figures import COLOURS, LINE, save, save_rows
+from mjmerge.figures import COLOURS, LINE, save, save_rows, words
 from mjmerge.outputs import put
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
         axes.set_title(f"breaks {one.text}", fontsize=9)
         axes.grid(alpha=0.25)
         axes.legend(frameon=False, fontsize=8)
-    figure.suptitle(title)
+    figure.suptitle(words(title))
     return figure
 
 
@@ -174,5 +174,5 @@ def _frontier(found: Sequence[Break], title: str, across: Range) -> Figure:
     axes.set_ylabel(axis.key)
     axes.grid(alpha=0.25)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    figure.suptitle(title)
+    figure.suptitle(words(title))
     return figure

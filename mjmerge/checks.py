@@ -12,11 +12,11 @@ from itertools import combinations
 from math import dist
 from typing import Any
 
-from mjmerge.bounds import MOST_TICKS
+from mjmerge.bounds import MOST_ROWS, MOST_TICKS
 from mjmerge.datasheet import DataSheet
 from mjmerge.drivers import Driver, kinds
 from mjmerge.errors import Problem
-from mjmerge.scenario import CARS, Drivers, Initial, Law
+from mjmerge.scenario import CARS, Check, Drivers, Initial, Law
 
 
 def check(sections: Mapping[str, Any]) -> Iterator[Problem]:
@@ -120,6 +120,12 @@ def _bodies(initial: Initial, sheets: Mapping[str, DataSheet]) -> Iterator[Probl
             )
 
 
+def _gate(gate: tuple[Check, ...]) -> Iterator[Problem]:
+    """The gate is no longer than anybody would wait for."""
+    if len(gate) > MOST_ROWS:
+        yield Problem(f"has {len(gate)} rows; a gate has at most {MOST_ROWS}", "gate")
+
+
 def _drivers(drivers: Drivers) -> Iterator[Problem]:
     """The first neighbour's driver needs nobody ahead; and what each driver finds wrong with itself."""
     first = CARS[1]
@@ -136,4 +142,4 @@ def _drivers(drivers: Drivers) -> Iterator[Problem]:
             yield Problem(message, f"drivers.{car}.{key}")
 
 
-_CHECKS = (_steps, _variant, _distances, _order_and_gap, _bodies, _drivers)
+_CHECKS = (_steps, _variant, _distances, _order_and_gap, _bodies, _drivers, _gate)

@@ -126,6 +126,7 @@ def as_dict(a: Side, b: Side) -> dict[str, Any]:
 
 def table(a: Side, b: Side) -> Table:
     """Both beside each other, for the terminal."""
+    from rich.markup import escape
     from rich.table import Table
 
     grid = Table(box=None, pad_edge=False)
@@ -138,7 +139,7 @@ def table(a: Side, b: Side) -> Table:
         ones: Any = reduce(getitem, keys, a.summary)
         twos: Any = reduce(getitem, keys, b.summary)
         numbers = isinstance(ones, float) and isinstance(twos, float)
-        grid.add_row(name, word(ones), word(twos), f"{twos - ones:+.3g}" if numbers else "")
+        grid.add_row(name, escape(word(ones)), escape(word(twos)), f"{twos - ones:+.3g}" if numbers else "")
 
     for name in ("scenario", "plant", "seed", "verdict"):
         row(name, str, name)

@@ -208,7 +208,7 @@ class _Composer:
         if isinstance(event, SequenceStartEvent):
             return self.sequence(key, depth)
         value = scalar(event.value) if event.style is None else event.value
-        if isinstance(value, str) and not _is_text(value):
+        if isinstance(value, str) and not is_text(value):
             self.to.problems.append(Problem("not text: half of a surrogate pair", key, line))
             return UNREADABLE
         return UNREADABLE if event.ctag is not None else value
@@ -259,7 +259,7 @@ def copied(source: Mapping[Any, Any]) -> Document:
         if depth > DEEPEST:
             document.report(f"nested deeper than {DEEPEST} levels", key)
             return UNREADABLE
-        if isinstance(value, str) and not _is_text(value):
+        if isinstance(value, str) and not is_text(value):
             document.report("not text: half of a surrogate pair", key)
             return UNREADABLE
         if isinstance(value, list | tuple):
@@ -267,9 +267,9 @@ def copied(source: Mapping[Any, Any]) -> Document:
         if not isinstance(value, Mapping):
             return value
         for name in value:
-            if not _is_text(name):
+            if not is_text(name):
                 document.report(f"a key must be text, got {described(name)}", key)
-        return {n: copy(v, _below(key, n), depth + 1) for n, v in value.items() if _is_text(n)}
+        return {n: copy(v, _below(key, n), depth + 1) for n, v in value.items() if is_text(n)}
 
     document.value = copy(source, "", 0)
     return document
@@ -293,6 +293,6 @@ def _line(event: Event) -> int:
     return line
 
 
-def _is_text(value: object) -> bool:
+def is_text(value: object) -> bool:
     """Whether it is a string that can be written: half a surrogate pair cannot."""
     return isinstance(value, str) and not any("\ud800" <= c <= "\udfff" for c in value)

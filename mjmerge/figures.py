@@ -35,6 +35,11 @@ _ARROW = 0.04  # least way of z that gets an arrowhead
 _PALE: dict[str, Any] = {"linewidth": 5, "alpha": 0.3, "solid_capstyle": "butt"}
 
 
+def words(text: str) -> str:
+    """A name in a figure as it is: matplotlib would read formulas between dollar signs."""
+    return text.replace("$", "\\$")
+
+
 def sheet(heights: Sequence[float], height_in: float, columns: int = 1) -> tuple[Figure, Any]:
     """An empty figure and its axes: panels of these relative heights over one time axis, or columns."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -97,7 +102,7 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     distance.set_xlabel("time (s)")
     for axes in (opinion, lateral, distance):
         axes.legend(loc="upper right", frameon=False)
-    figure.suptitle(f"{trace.scenario.name} on {trace.plant}, seed {trace.seeds[run]}")
+    figure.suptitle(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}")
     return figure
 
 
@@ -166,7 +171,7 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
     figure, (opinion, lateral, distance, apart) = sheet((2, 2, 3, 1.5), 9.6)
     in_a, in_b = shared_ticks(a, b)
     style: tuple[dict[str, Any], ...] = (_PALE, {})
-    for trace, label, how in zip((a, b), labels, style, strict=True):
+    for trace, label, how in zip((a, b), map(words, labels), style, strict=True):
         opinion.plot(trace.time_s, trace.opinion[0], color=OPINION, label=label, **how)
         lateral.plot(trace.time_s, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], label=label, **how)
     for trace, how in zip((a, b), style, strict=True):

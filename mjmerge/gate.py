@@ -8,23 +8,25 @@ test is vacuous, and fails.
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Iterator, Sequence
+import shlex
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
-from mjmerge import share
+from mjmerge import baseline, share
 from mjmerge.acts import BODIES, listed
+from mjmerge.baseline import Measured
 from mjmerge.contract import Verdict, judge
+from mjmerge.document import Document
 from mjmerge.effect import acting, covers, given_in_vain
-from mjmerge.errors import MjmergeError, UnknownNameError
+from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError
 from mjmerge.loader import load, raise_problems, read
 from mjmerge.mismatch import column
-from mjmerge.outputs import cannot_write, put
+from mjmerge.plant import PLANTS
 from mjmerge.plant import check as check_plant
 from mjmerge.record.manifest import versions
 from mjmerge.scenario import Check, Scenario
@@ -37,7 +39,7 @@ TOLERANCE_M = 2e-4
 RATE_DEFECT_MPS = 0.1
 """The recorded d_j' must be the rate of the recorded d_j to within this much: it tells the sign of g_j."""
 G_MPS2 = 9.81
-_VERSIONS = ("mjmerge", "mujoco", "numpy")
+_NEVER: tuple[None, Mapping[str, str]] = (None, {})
 
 
 @dataclass(frozen=True)
@@ -60,23 +62,8 @@ class Row:
         where = (
             self.file.stem if share.scenarios().get(self.file.stem) == self.file.resolve() else str(self.file)
         )
-        keys = "".join(f" --set {text}" for text in self.check.set)
-        return f"mjmerge run {where} --plant {self.check.plant}{keys}"
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What a row came to.
-
-    Attributes:
-        min_d_1_m: smallest d_1, m.
-        min_d_2_m: smallest d_2, m.
-        min_clearance_m: smallest distance of the ego's body to another, m; NaN without bodies.
-    """
-
-    min_d_1_m: float
-    min_d_2_m: float
-    min_clearance_m: float
+        keys = [word for text in self.check.set for word in ("--set", text)]
+        return shlex.join(["mjmerge", "run", where, "--plant", self.check.plant, *keys])
 
 
 @dataclass(frozen=True)
@@ -91,15 +78,17 @@ class Result:
         verdict: the contract's.
         stopped: why the simulation ended early; empty if it did not.
         problems: why the row fails; none if it passes.
+        wall_s: how long it took, its part of the batch that it was in, s.
     """
 
     row: Row
     measured: Measured
     baseline: Measured | None
-    made_with: dict[str, str]
+    made_with: Mapping[str, str]
     verdict: Verdict
     stopped: str
     problems: tuple[str, ...]
+    wall_s: float = 0.0
 
 
 def rows(places: Sequence[Path]) -> list[Row]:
@@ -109,8 +98,8 @@ def rows(places: Sequence[Path]) -> list[Row]:
         places: scenario files, or folders of them.
 
     Raises:
-        MjmergeError: a place is none, two rows share a name, or no scenario has a row.
-        ScenarioError: a scenario, or one with a row's keys, is not valid.
+        MjmergeError: a place is none, or no scenario has a row.
+        ScenarioError: a scenario, or one with a row's keys, is not valid; with every problem and its line.
     """
     files: list[Path] = []
     for place in places:
@@ -118,17 +107,8 @@ def rows(places: Sequence[Path]) -> list[Row]:
             raise UnknownNameError("scenario file or folder", str(place), map(str, share.scenarios()))
         files += sorted(place.glob("*.yaml")) if place.is_dir() else [place]
     found = []
-    for file in files:
-        scenario = load(file)
-        names = [check.name for check in scenario.gate]
-        if len(set(names)) < len(names):
-            twice = next(name for name in names if names.count(name) > 1)
-            raise MjmergeError(f"{file}: gate: two rows are called {twice!r}")
-        these = [Row(file, check, load(file, check.set)) for check in scenario.gate]
-        for row in these:
-            check_plant(row.check.plant, row.scenario)
-        _refuse_what_is_in_vain(file, these)
-        found += these
+    for file in dict.fromkeys(files):
+        found += _rows_of(file)
     if not found:
         raise MjmergeError(
             f"no scenario in {', '.join(map(str, places))} has a gate, a list of rows to check"
@@ -136,9 +116,42 @@ def rows(places: Sequence[Path]) -> list[Row]:
     return found
 
 
-def _refuse_what_is_in_vain(file: Path, these: Sequence[Row]) -> None:
+def _rows_of(file: Path) -> list[Row]:
+    """The rows of one scenario."""
+    scenario, document = load(file), read(file)
+    names: dict[str, int] = {}
+    found = []
+    for i, check in enumerate(scenario.gate):
+        if names.setdefault(check.name, i) != i:
+            document.report(f"two rows are called {check.name!r}", f"gate.{i}.name")
+        if check.plant not in PLANTS:
+            message = f"no plant called {check.plant!r}; the plants are {', '.join(PLANTS)}"
+            document.report(f"row {check.name!r}: {message}", f"gate.{i}.plant")
+            continue
+        try:
+            row = Row(file, check, load(file, check.set))
+            check_plant(check.plant, row.scenario)
+        except ScenarioError as error:
+            for problem in error.problems:
+                _blame(problem, check, i, document)
+        except MjmergeError as error:
+            document.report(f"row {check.name!r}: {error}", f"gate.{i}")
+        else:
+            found.append(row)
+    raise_problems(file, document)
+    _refuse_what_is_in_vain(file, found, document)
+    return found
+
+
+def _blame(problem: Problem, check: Check, i: int, document: Document) -> None:
+    """Report what is wrong with a row's scenario where the row says so."""
+    hit = [k for k, text in enumerate(check.set) if problem.source == f"--set {text}"]
+    at = f"gate.{i}.set.{hit[-1]}" if hit else f"gate.{i}"
+    document.report(f"row {check.name!r}: {problem.key + ': ' if problem.key else ''}{problem.message}", at)
+
+
+def _refuse_what_is_in_vain(file: Path, these: Sequence[Row], document: Document) -> None:
     """Raises ScenarioError if a row sets, or needs, what is without effect on its plant."""
-    document = read(file)
     for i, row in enumerate(these):
         plant, keys = row.check.plant, [text.partition("=")[0].strip() for text in row.check.set]
         vain = given_in_vain(row.scenario, plant, keys)
@@ -169,11 +182,15 @@ def run(
         baselines: folder of the baselines; by default ``baselines`` beside each scenario.
         threads: threads for the physics, 0 for all cores.
         progress: called with the number of rows done.
+
+    Raises:
+        ScenarioError: a baseline is none.
+        MjmergeError: two scenarios would have the same one.
     """
+    before_all = {file: baseline.read(place) for file, place in _places(these, baselines).items()}
     done = 0
     for (file, plant, _), group in groupby(these, _alike):
-        batch = list(group)
-        known = read_baseline(baseline_file(file, baselines))
+        batch, known, began = list(group), before_all[file], time.perf_counter()
         scenario = batch[0].scenario
         cases = [(0, acting(row.scenario, plant).mismatch) for row in batch]
         trace = simulate(scenario.settled(), plant, cases=cases, threads=threads)
@@ -186,9 +203,10 @@ def run(
             _untested(trace, verdicts, batch),
             strict=True,
         )
+        wall_s = time.perf_counter() - began
         stops = {stop.run: f"{stop.car}: {stop.reason}" for stop in trace.stops}
         for i, (row, verdict, measured, defect, untested) in enumerate(found):
-            before, made_with = known.get(row.check.name, (None, {}))
+            before, made_with = known.get(row.check.name, _NEVER)
             problems = (
                 *_below(row, measured, verdict, stops.get(i, "")),
                 *(
@@ -197,9 +215,10 @@ def run(
                     else []
                 ),
                 *untested,
-                *_moved(measured, before),
+                *_moved(measured, before, known, row),
             )
-            yield Result(row, measured, before, made_with, verdict, stops.get(i, ""), problems)
+            stopped, each_s = stops.get(i, ""), wall_s / len(batch)
+            yield Result(row, measured, before, made_with, verdict, stopped, problems, each_s)
             done += 1
             if progress is not None:
                 progress(done)
@@ -260,10 +279,15 @@ def _below(row: Row, measured: Measured, verdict: Verdict, stopped: str) -> Iter
         yield f"the simulation stopped: {stopped}"
 
 
-def _moved(measured: Measured, before: Measured | None) -> Iterator[str]:
+def _moved(
+    measured: Measured, before: Measured | None, known: Mapping[str, baseline.Entry], row: Row
+) -> Iterator[str]:
     """Where a margin is not what it was, in either direction."""
     if before is None:
-        yield "there is no baseline for this row: look at it, then make one with --update"
+        names = [check.name for check in row.scenario.gate]
+        gone = baseline.stale(known, names)
+        renamed = f"; was it {' or '.join(map(repr, gone))}, which the gate does not have" if gone else ""
+        yield f"there is no baseline for this row{renamed}: look at it, then make one with --update"
         return
     for name in ("min_d_1_m", "min_d_2_m", "min_clearance_m"):
         now, then = getattr(measured, name), getattr(before, name)
@@ -271,26 +295,25 @@ def _moved(measured: Measured, before: Measured | None) -> Iterator[str]:
             yield f"{name} was {then:.4f}, is {now:.4f} ({now - then:+.4f} m)"
 
 
-def baseline_file(scenario: Path, baselines: Path | None) -> Path:
-    """The CSV of a scenario."""
-    return (baselines or scenario.parent / "baselines") / f"{scenario.stem}.csv"
+def _places(these: Sequence[Row], baselines: Path | None) -> dict[Path, Path]:
+    """The baseline of each scenario's file."""
+    places = {row.file: baseline.file_of(row.file, baselines) for row in these}
+    for place in places.values():
+        same = [str(file) for file, there in places.items() if there == place]
+        if len(same) > 1:
+            raise MjmergeError(f"{' and '.join(same)} would share the baseline {place}: check one at a time")
+    return places
 
 
-def read_baseline(file: Path) -> dict[str, tuple[Measured, dict[str, str]]]:
-    """What was measured before, and with which versions, by the row's name; empty if there is no file.
-
-    Raises:
-        MjmergeError: it is not such a CSV.
-    """
-    if not file.is_file():
-        return {}
-    found = {}
-    try:
-        for line in csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))):
-            numbers = (float(line[name]) for name in ("min_d_1_m", "min_d_2_m", "min_clearance_m"))
-            found[line["row"]] = Measured(*numbers), {name: line[name] for name in _VERSIONS}
-    except (KeyError, TypeError, ValueError, UnicodeError) as error:
-        raise MjmergeError(f"{file} is no baseline: {error!r}") from error
+def stale(these: Sequence[Row], baselines: Path | None = None) -> list[str]:
+    """Rows of the baselines that no row of the gate goes by, a line each."""
+    found = []
+    for file, place in _places(these, baselines).items():
+        names = next([check.name for check in row.scenario.gate] for row in these if row.file == file)
+        found += [
+            f"{place}: the gate of {file.stem} has no row {name!r}; --update takes it out"
+            for name in baseline.stale(baseline.read(place), names)
+        ]
     return found
 
 
@@ -303,28 +326,17 @@ def update(results: Sequence[Result], baselines: Path | None = None) -> list[str
         OutputError: a file cannot be written.
     """
     said = []
-    now = {name: versions().get(name, "-") for name in _VERSIONS}
+    now = {name: versions().get(name, "-") for name in baseline.VERSIONS}
     for file, group in groupby(results, lambda result: result.row.file):
-        target = baseline_file(file, baselines)
-        entries = read_baseline(target)
+        target = baseline.file_of(file, baselines)
+        entries = baseline.read(target)
         names = [check.name for check in load(file).gate]
         for result in group:
             name, before = result.row.check.name, result.baseline
-            moved = "new" if before is None else "; ".join(_moved(result.measured, before)) or "as before"
+            moved = "; ".join(_moved(result.measured, before, entries, result.row)) or "as before"
+            moved = "new" if before is None else moved
             said.append(f"{file.stem}, {name}: {moved}")
             entries[name] = result.measured, now
-        said += [f"{file.stem}, {name}: gone" for name in entries if name not in names]
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["row", "min_d_1_m", "min_d_2_m", "min_clearance_m", *_VERSIONS])
-        for name in names:
-            if name in entries:
-                measured, made_with = entries[name]
-                numbers = (measured.min_d_1_m, measured.min_d_2_m, measured.min_clearance_m)
-                writer.writerow([name, *(f"{number:.6f}" for number in numbers), *made_with.values()])
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_write(target, error) from error
-        put(target, text.getvalue())
+        said += [f"{file.stem}, {name}: gone" for name in baseline.stale(entries, names)]
+        baseline.write(target, {name: entries[name] for name in names if name in entries})
     return said

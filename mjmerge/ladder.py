@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from mjmerge.effect import told
 from mjmerge.errors import MjmergeError
-from mjmerge.figures import COLOURS, LINE, save, save_rows, sheet
+from mjmerge.figures import COLOURS, LINE, save, save_rows, sheet, words
 from mjmerge.mismatch import Mismatch
 from mjmerge.outputs import put
 from mjmerge.plan import MISMATCH, Batches, Case, acts, planned, size_of
@@ -290,7 +290,7 @@ def waterfall(ladder: Ladder) -> Figure:
     steps.set_ylabel("this step (mm)")
     for panel in (axes, steps):
         panel.grid(visible=False, axis="x")
-    figure.suptitle(f"{ladder.scenario.name}: what is left of the margin, rung by rung")
+    figure.suptitle(f"{words(ladder.scenario.name)}: what is left of the margin, rung by rung")
     return figure
 
 

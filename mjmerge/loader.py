@@ -19,7 +19,7 @@ from ruamel.yaml.representer import SafeRepresenter
 from mjmerge import share
 from mjmerge.checks import check
 from mjmerge.datasheet import DataSheet
-from mjmerge.document import UNREADABLE, Document, copied, described, parse, scalar
+from mjmerge.document import UNREADABLE, Document, copied, described, is_text, parse, scalar
 from mjmerge.errors import ModelError, Problem, ScenarioError, UnknownNameError, nearest
 from mjmerge.frozen import Frozen
 from mjmerge.scenario import CARS, Models, Scenario
@@ -51,6 +51,8 @@ def load(
     else:
         path = file_of("scenario", source, share.scenarios())
         document, where, name, near = read(path), str(path), path.stem, path.parent
+        if not is_text(name):
+            document.report("the name of the file is not text in UTF-8; rename it", "")
     if isinstance(document.value, dict):
         for text in overrides:
             document.override(text)
@@ -266,6 +268,10 @@ _MUST = {
     "string_type": "must be text",
     "tuple_type": "must be a list",
     "too_long": "must have {max_length} items",
+    "string_too_short": "must not be empty",
+    "string_too_long": "must have at most {max_length} letters",
+    "bool_type": "must be true or false",
+    "int_from_float": "must be a whole number",
     "too_short": "must have at least {min_length} item",
     "int_type": "must be a whole number",
     "dict_type": "must be a mapping of keys",
@@ -297,7 +303,10 @@ def _explained(model: type[Frozen], error: ErrorDetails) -> tuple[str, str]:
             kind = str(given["kind"])
             kinds = map(_kind, spot.inside)
             return f"no driver kind called {kind!r}: {nearest(kind, kinds)}", f"{spot.key}.kind"
-    must = _MUST[error["type"]].format(**error.get("ctx", {})) if error["type"] in _MUST else error["msg"]
+    if error["type"] in _MUST:
+        must = _MUST[error["type"]].format(**error.get("ctx", {}))
+    else:
+        must = error["msg"].removeprefix("Value error, ")
     return f"{must}, got {described(given)}{_hint(error['type'], given)}", spot.key
 
 

@@ -9,7 +9,6 @@ from dataclasses import asdict
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from mjmerge.decision import decision
 from mjmerge.facts import FACTS, Finding
 from mjmerge.figures import overview, save
 from mjmerge.hypotheses import asked
+from mjmerge.junit import junit
 from mjmerge.metrics import MERGED_M, TURNED_RAD, merged_at_s, saturated, turned_rad
 from mjmerge.record.manifest import versions
 from mjmerge.scenario import CARS
@@ -127,6 +127,7 @@ def seconds(value: float | None) -> str:
 
 def table(found: dict[str, Any]) -> Table:
     """The summary as a table for the terminal."""
+    from rich.markup import escape
     from rich.table import Table
 
     good = found["floor_held"]
@@ -153,16 +154,15 @@ def table(found: dict[str, Any]) -> Table:
     if found.get("distinct_runs", found["runs"]) < found["runs"]:
         grid.add_row("distinct runs", "1: nothing is random here, and every seed gives the same run")
     if found.get("no_effect"):
-        grid.add_row("no effect", ", ".join(found["no_effect"]))
+        grid.add_row("no effect", escape(", ".join(found["no_effect"])))
     reasons = [found["reason"], *found.get("verdict_doubts", ())]
-    grid.add_row("verdict", f"{found['verdict']}: {'; but '.join(reasons)}")
+    grid.add_row("verdict", escape(f"{found['verdict']}: {'; but '.join(reasons)}"))
     if found["runs"] > 1:
         grid.add_row("verdicts", ", ".join(f"{n} {v}" for v, n in found["verdicts"].items()))
         grid.add_row("worst run", f"seed {found['worst_seed']}")
     for stop in found["stops"][:5]:
-        grid.add_row(
-            "stopped", f"seed {stop['seed']} at {seconds(stop['time_s'])}: {stop['car']}, {stop['reason']}"
-        )
+        what = f"seed {stop['seed']} at {seconds(stop['time_s'])}: {stop['car']}, {stop['reason']}"
+        grid.add_row("stopped", escape(what))
     floor = f"{found['floor_m']:.3f} m " + ("held" if good else "BROKEN")
     if found["runs"] > 1:
         floor += f" in {found['floor_held_runs']} of {found['runs']} runs"
@@ -273,6 +273,7 @@ def facts_markdown(findings: Mapping[str, Sequence[Finding]]) -> str:
 
 def gate_table(results: Sequence[Result]) -> Table:
     """Every row of the gate with its smallest distances, m, for the terminal."""
+    from rich.markup import escape
     from rich.table import Table
 
     grid = Table(box=None, pad_edge=False)
@@ -290,7 +291,8 @@ def gate_table(results: Sequence[Result]) -> Table:
         good = not result.problems
         word = f"[{'green' if good else 'red'}]{'ok' if good else 'FAILED'}[/]"
         least = (f"{value:.3f}" for value in (row.check.at_least_m, m.min_d_1_m, m.min_d_2_m))
-        grid.add_row(row.file.stem, row.check.name, *least, moved, word, result.verdict.verdict)
+        names = map(escape, (row.file.stem, row.check.name))
+        grid.add_row(*names, *least, moved, word, result.verdict.verdict)
     return grid
 
 
@@ -309,8 +311,8 @@ def gate_failure(result: Result) -> str:
     )
 
 
-def gate_json(results: Sequence[Result]) -> dict[str, Any]:
-    """The gate for machines."""
+def gate_json(results: Sequence[Result], stale: Sequence[str] = ()) -> dict[str, Any]:
+    """The gate for machines; ``stale`` says which rows of the baselines the gate does not have."""
     rows = [
         {
             "scenario": r.row.file.stem,
@@ -320,7 +322,7 @@ def gate_json(results: Sequence[Result]) -> dict[str, Any]:
             "floor_m": r.row.check.at_least_m,
             "measured": {name: _number(value) for name, value in asdict(r.measured).items()},
             "baseline": r.baseline and {name: _number(value) for name, value in asdict(r.baseline).items()},
-            "baseline_versions": r.made_with,
+            "baseline_versions": dict(r.made_with),
             "verdict": r.verdict.verdict,
             "problems": list(r.problems),
             "command": r.row.command,
@@ -328,20 +330,18 @@ def gate_json(results: Sequence[Result]) -> dict[str, Any]:
         for r in results
     ]
     failed = sum(bool(r.problems) for r in results)
-    return {"passed": not failed, "rows": rows, "failed": failed, "versions": versions()}
+    return {
+        "passed": not failed,
+        "rows": rows,
+        "failed": failed,
+        "stale": list(stale),
+        "versions": versions(),
+    }
 
 
 def gate_junit(results: Sequence[Result]) -> bytes:
     """The gate as JUnit XML, for continuous integration."""
-    failed = str(sum(bool(r.problems) for r in results))
-    suite = ElementTree.Element("testsuite", name="mjmerge check", tests=str(len(results)), failures=failed)
-    for r in results:
-        case = ElementTree.SubElement(suite, "testcase", classname=r.row.file.stem, name=r.row.check.name)
-        if r.problems:
-            why = ElementTree.SubElement(case, "failure", message="; ".join(r.problems))
-            why.text = gate_failure(r)
-    text: bytes = ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True)
-    return text
+    return junit(results, [gate_failure(result) for result in results])
 
 
 def figure(trace: Trace, path: Path, run: int = 0) -> None:

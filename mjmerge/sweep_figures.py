@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.campaign import GRID, RANDOM
-from mjmerge.figures import COLOURS, LINE, MU, sheet
+from mjmerge.figures import COLOURS, LINE, MU, sheet, words
 from mjmerge.outcome import EMPTY, FAILED, PASSED, Rows, groups
 from mjmerge.plan import Plan
 
@@ -67,7 +67,7 @@ def _margins(title: str, rows: Rows) -> Figure:
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.margins(x=0.03)
     axes.set_xlabel("least $d_j$ (m)")
-    figure.suptitle(title)
+    figure.suptitle(words(title))
     figure.legend(loc="outside lower center", ncols=6, frameon=False)
     return figure
 
@@ -102,7 +102,7 @@ def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
         row[0].set_ylabel("least $d_j$ (m)", fontsize=8)
     for panel in list(panels.flat)[len(axes_) :]:
         panel.set_visible(False)
-    figure.suptitle(title)
+    figure.suptitle(words(title))
     handles = [
         figure.axes[0].scatter([], [], s=20, color=colour, label=outcome)
         for outcome, colour in _OUTCOMES.items()

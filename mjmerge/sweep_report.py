@@ -90,13 +90,14 @@ def write(plan: Plan, table: pa.Table, folder: Path) -> None:
 
 def rich_table(table: pa.Table) -> Table:
     """Failure rates for the terminal."""
+    from rich.markup import escape
     from rich.table import Table
 
     columns = ("scenario", "plant", "law", "runs", "distinct", "vacuous", "failed", "least d_j")
     grid = Table(*columns, box=None, pad_edge=False)
     for key, group in groups(table.to_pylist()).items():
         counts = map(str, (len(group), len(distinct(group)), _vacuous(group), failure_rate(group)))
-        grid.add_row(*key, *counts, _metres(_least(group)) + " m")
+        grid.add_row(*map(escape, key), *counts, _metres(_least(group)) + " m")
     return grid
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.errors import MjmergeError
+from mjmerge.figures import words
 from mjmerge.metrics import INTENT, merged_at_s
 from mjmerge.record.convert import whole
 from mjmerge.trace import NEIGHBOURS, Array, Trace
@@ -291,7 +292,7 @@ class Panel:
         dots, move = draw_opinion(opinion, trace)
         more, other = draw_distance(distance, trace)
         what = f"{trace.scenario.name} on {trace.plant}, seed {trace.seeds[0]}"
-        figure.text(0.05, 0.955, what, fontsize=11, color="#444444")
+        figure.text(0.05, 0.955, words(what), fontsize=11, color="#444444")
         self._clock = figure.text(0.05, 0.895, "", fontsize=14, animated=True)
         self._moving, self._move = [*dots, *more], both(move, other)
         for artist in self._moving:

@@ -49,17 +49,18 @@ class Check:
             raise MjmergeError(f"no row of the gate has {self.only!r} in its name")
         with progress_bar(len(rows), "checking") as progress:
             results = list(gate.run(rows, self.baselines, threads=self.threads, progress=progress))
+        stale = gate.stale(rows, self.baselines)
         said = gate.update(results, self.baselines) if self.update else []
         if self.junit is not None:
             put(self.junit, gate_junit(results))
         failed = [result for result in results if result.problems]
         if self.json:
-            print(json.dumps(gate_json(results)))
+            print(json.dumps(gate_json(results, [] if self.update else stale)))
         else:
             console = Console(highlight=False)
             if not self.update:
                 console.print(gate_table(results))
-            for line in said or [gate_failure(result) for result in failed]:
+            for line in said or [*(gate_failure(result) for result in failed), *stale]:
                 console.print(line, markup=False, soft_wrap=True)
         if any(result.stopped for result in results):
             return 3

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from mjmerge.cli.options import Flag
+from mjmerge.cli.style import bold, plain
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,9 @@ class Compare:
             return 0
         console = Console(highlight=False)
         for side, name in ((a, "A"), (b, "B")):
-            console.print(f"[bold]{name}[/]  {side.recorded.path}", soft_wrap=True)
+            console.print(f"{bold(name)}  {plain(side.recorded.path)}", soft_wrap=True)
         console.print(table(a, b))
         if identical(a.recorded, b.recorded):
             console.print("every column is the same, bit for bit")
-        console.print(f"figure and both cars in one scene:  [bold]{folder}[/]", soft_wrap=True)
+        console.print(f"figure and both cars in one scene:  {bold(folder)}", soft_wrap=True)
         return 0

@@ -12,6 +12,7 @@ import tyro
 from mjmerge import share
 from mjmerge.cli.options import Flag
 from mjmerge.cli.progress import progress_bar
+from mjmerge.cli.style import bold, plain
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,6 @@ class Identify:
         console = Console(highlight=False)
         console.print(identified.rich_table(found.table))
         if replaced:
-            console.print(f"what was in {folder} was replaced")
-        console.print(f"table and plots:  [bold]{folder}[/]", soft_wrap=True)
+            console.print(f"what was in {plain(folder)} was replaced")
+        console.print(f"table and plots:  {bold(folder)}", soft_wrap=True)
         return 0 if found.passed else 1

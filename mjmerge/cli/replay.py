@@ -11,6 +11,7 @@ import tyro
 
 from mjmerge.cli.options import Count, Flag, at_least
 from mjmerge.cli.progress import progress_bar
+from mjmerge.cli.style import bold
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Replay:
             print(json.dumps(done.as_dict()))
         else:
             console = Console(highlight=False, soft_wrap=True)
-            console.print(f"[bold]{path}[/]")
+            console.print(bold(path))
             for line in done.lines():
                 console.print(line, markup=False)
         return 0 if done.same else 1

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from mjmerge.cli.progress import progress_bar
+from mjmerge.cli.style import bold, plain
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,6 @@ class Reproduce:
         console = Console(highlight=False)
         console.print(facts_table(done.findings))
         if done.replaced:
-            console.print(f"what was in {folder} was replaced")
-        console.print(f"figures, tables and animation:  [bold]{folder}[/]", soft_wrap=True)
+            console.print(f"what was in {plain(folder)} was replaced")
+        console.print(f"figures, tables and animation:  {bold(folder)}", soft_wrap=True)
         return 0 if done.complete else 1

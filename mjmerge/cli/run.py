@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ import tyro
 
 from mjmerge.cli.options import Count, Flag, Overrides, at_least
 from mjmerge.cli.progress import progress_bar
+from mjmerge.cli.style import bold, plain
 
 if TYPE_CHECKING:
     from mjmerge.record import Header
@@ -98,15 +100,16 @@ class Run:
         console = Console(highlight=False)
         many = f", {self.runs} runs" if self.runs > 1 else ""
         time_ = ", continuous time" if self.continuous else ""
-        console.print(f"[bold]{scenario.name}[/] on {self.plant}{time_}, seed {self.seed}{many}")
+        console.print(f"{bold(scenario.name)} on {self.plant}{time_}, seed {self.seed}{many}")
         for override in overrides:
             console.print(f"  {override}", markup=False)
         console.print(table(done.summary))
         if folder is not None:
             if done.replaced:
-                console.print(f"the earlier run in {folder} was replaced")
+                console.print(f"the earlier run in {plain(folder)} was replaced")
             if self.record and not done.failures:
-                console.print(f"look at it:  [bold]mjmerge view {folder}[/]", soft_wrap=True)
+                command = shlex.join(["mjmerge", "view", str(folder)])
+                console.print(f"look at it:  {bold(command)}", soft_wrap=True)
         return done.exit_code
 
     @property

@@ -13,6 +13,7 @@ import tyro
 
 from mjmerge.cli.options import Count, Flag, Overrides, at_least
 from mjmerge.cli.progress import runs_bar
+from mjmerge.cli.style import bold
 from mjmerge.errors import MjmergeError
 
 
@@ -90,16 +91,14 @@ class Sweep:
         else:
             console = Console(highlight=False)
             count = f"{len(planned.cases)} runs, {summary['distinct']} distinct"
-            console.print(f"[bold]{planned.name}[/], {count}")
+            console.print(f"{bold(planned.name)}, {count}")
             console.print(sweep_report.rich_table(found))
             for note in sweep_report.notes(planned, found):
                 console.print(note, markup=False, soft_wrap=True)
             if summary["worst"]:
                 console.print("the worst run:  ", end="")
                 console.print(summary["worst"][0]["command"], markup=False, soft_wrap=True)
-            console.print(
-                f"table and report:  [bold]{folder / TABLE}[/], {sweep_report.REPORT}", soft_wrap=True
-            )
+            console.print(f"table and report:  {bold(folder / TABLE)}, {sweep_report.REPORT}", soft_wrap=True)
         return 3 if summary["stopped"] else 0
 
     def _ladder(self) -> int:
@@ -121,11 +120,11 @@ class Sweep:
             print(json.dumps(ladder.as_json(found) | {"out": str(folder)}))
         else:
             console = Console(highlight=False)
-            console.print(f"[bold]{found.scenario.name}[/], rung by rung")
+            console.print(f"{bold(found.scenario.name)}, rung by rung")
             console.print(ladder.rich_table(found))
             for line in (ladder.delay_line(found), *ladder.idle_lines(found)):
                 console.print(line, markup=False, soft_wrap=True)
-            console.print(f"plot and table:  [bold]{folder}[/]", soft_wrap=True)
+            console.print(f"plot and table:  {bold(folder)}", soft_wrap=True)
         return 3 if any(rung.row["stopped"] for rung in found.rungs) else 0
 
     def _break(self) -> int:
@@ -170,9 +169,9 @@ class Sweep:
             )
         else:
             console = Console(highlight=False)
-            console.print(f"[bold]{title}[/]: the smallest mismatch that breaks it")
+            console.print(f"{bold(title)}: the smallest mismatch that breaks it")
             console.print(breaking_report.rich_table(found, across))
             for note in breaking_report.seed_notes(found, self.seeds):
                 console.print(note, markup=False, soft_wrap=True)
-            console.print(f"plot and every point:  [bold]{folder}[/]", soft_wrap=True)
+            console.print(f"plot and every point:  {bold(folder)}", soft_wrap=True)
         return 0

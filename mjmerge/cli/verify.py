@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from mjmerge.cli.options import Flag
+from mjmerge.cli.style import bold
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,6 @@ class Verify:
             print(json.dumps(found.as_dict()))
         else:
             console = Console(highlight=False)
-            console.print(f"[bold]{found.recorded.path}[/]", soft_wrap=True)
+            console.print(bold(found.recorded.path), soft_wrap=True)
             console.print(table(found))
         return 0 if found.right else 1

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
+import mjmerge
 from mjmerge.cli import main
 from mjmerge.record import FORMATS
 
@@ -225,3 +228,28 @@ def test_export_prints_a_world_that_compiles(capsys):
 def test_schema_is_json(capsys):
     _, out, _ = run(capsys, "schema")
     assert json.loads(out)["title"] == "Scenario"
+
+
+def test_names_and_folders_with_odd_letters_are_shown_as_they_are_and_quoted(capsys, tmp_path):
+    odd = "it's [red] $x_{$ & 50%"
+    text = mjmerge.share.scenarios()["paper"].read_text()
+    (tmp_path / f"{odd}.yaml").write_text(text)
+    code, out, err = run(capsys, "run", f"{odd}.yaml", *SHORT, "--out", f"out {odd}")
+    assert (code, err) == (0, "")
+    assert f"{odd} on double_integrator" in out
+    (line,) = (line for line in out.splitlines() if line.startswith("look at it:"))
+    assert shlex.split(line.removeprefix("look at it:")) == ["mjmerge", "view", f"out {odd}"]
+    again = ["compare", f"out {odd}", f"out {odd}", "--out", f"both {odd}"]
+    assert run(capsys, *again)[0] == 0
+    block = {"scenarios": [f"{odd}.yaml"], "plants": ["double_integrator"], "set": {"duration_s": 0.1}}
+    campaign = json.dumps({"blocks": [block]})
+    (tmp_path / f"c {odd}.yaml").write_text(campaign)
+    assert run(capsys, "sweep", f"c {odd}.yaml", "--workers", "1")[0] == 0
+
+
+def test_a_file_name_that_is_no_text_is_refused(capsys, tmp_path):
+    name = os.fsdecode(b"\xff.yaml")
+    (tmp_path / name).write_text(mjmerge.share.scenarios()["paper"].read_text())
+    code, _, err = run(capsys, "run", name, *SHORT)
+    assert code == 2
+    assert "rename it" in err

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import shlex
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from lxml import etree
 
-from mjmerge import gate, share
+from mjmerge import baseline, gate, share
 from mjmerge.cli import main
 from mjmerge.errors import MjmergeError, ScenarioError, UnknownNameError
 from mjmerge.report import gate_failure
+from mjmerge.trace import Stop
 
 pytest_plugins = ["pytester"]
 
@@ -179,8 +183,8 @@ def test_the_json_is_one_object_and_the_junit_file_has_a_case_per_row(folder, ca
         (ROWS.replace("sensing_delay_s", "sensing_delay"), ScenarioError, "did you mean 'sensing_delay_s'"),
         (
             ROWS.replace("double_integrator", "double_integrater"),
-            UnknownNameError,
-            "did you mean 'double_integrator'",
+            ScenarioError,
+            r"mine.yaml:34: gate.1.plant: row 'late': .* the plants are double_integrator, bicycle, ",
         ),
         (ROWS.replace("at_least_m: 0.19}", "at_leest_m: 0.19}"), ScenarioError, "did you mean 'at_least_m'"),
         (ROWS.replace("0.19}", "0.19, needs: [barier]}", 1), ScenarioError, "'barrier' or 'grip'"),
@@ -200,6 +204,224 @@ def test_a_place_that_is_none_and_a_baseline_that_is_none_are_refused(folder, tm
     (folder / "baselines").mkdir()
     (folder / "baselines" / "mine.csv").write_text("a,b\n1,2\n")
     check(folder, code=2)
+
+
+def test_everything_wrong_with_the_rows_is_told_at_once_with_its_line(tmp_path):
+    more = """\
+  - {name: ideal, plant: /etc/passwd, at_least_m: 0}
+  - name: two
+    at_least_m: 0
+    set:
+      - law.k_o=1
+      - law.k_0=2
+      - law.k_p=-1
+"""
+    file = write(tmp_path, ROWS + more)
+    with pytest.raises(ScenarioError) as refused:
+        gate.rows([file])
+    at = len(file.read_text().splitlines())
+    assert [(p.line, p.key) for p in refused.value.problems] == [
+        (at - 6, "gate.2.name"),
+        (at - 6, "gate.2.plant"),
+        (at - 1, "gate.3.set.1"),
+        (at, "gate.3.set.2"),
+    ]
+    assert "row 'two': law.k_0: unknown key; did you mean 'k_o'" in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["mu = 0.3 (wet): a/b, 50 %", "größer als d_1 < 0", "[bold]it's[/x]"])
+def test_a_row_may_be_called_anything_that_fits_on_a_line(tmp_path, capsys, name):
+    write(
+        tmp_path, f"\ngate:\n  - {{name: {json.dumps(name)}, plant: double_integrator, at_least_m: 0.19}}\n"
+    )
+    junit = tmp_path / "out.xml"
+    check(tmp_path, "--junit", junit, code=1)
+    assert name in capsys.readouterr().out
+    assert ElementTree.parse(junit).getroot().find("testcase").get("name") == name
+
+
+@pytest.mark.parametrize("name", ["", " x", "a\nb", "a\x00b", "a::b", "x" * 101])
+def test_a_name_that_nothing_could_show_is_explained(tmp_path, name):
+    write(tmp_path, f"\ngate:\n  - {{name: {json.dumps(name)}, at_least_m: 0}}\n")
+    with pytest.raises(
+        ScenarioError, match=r"gate\.0\.name: must (be printable text|not be empty|have at most)|not text"
+    ):
+        gate.rows([tmp_path])
+
+
+def test_the_command_of_a_row_is_quoted_for_the_shell(tmp_path):
+    folder = tmp_path / "it's here"
+    folder.mkdir()
+    write(
+        folder,
+        "\ngate:\n  - {name: a, at_least_m: 0, plant: bicycle, set: ['initial.ego.front_m=[-1.6, 1.2]']}\n",
+    )
+    (row,) = gate.rows([folder])
+    words = shlex.split(row.command)
+    assert words == ["mjmerge", "run", str(folder / "mine.yaml"), "--plant", "bicycle",
+                     "--set", "initial.ego.front_m=[-1.6, 1.2]"]  # fmt: skip
+    assert words != row.command.split()
+
+
+BASELINE = """\
+row,min_d_1_m,min_d_2_m,min_clearance_m,mjmerge,mujoco,numpy
+ideal,0.396055,0.219738,nan,0.1.0,3.17.0,2.4.6
+late,0.396764,0.220277,nan,0.1.0,3.17.0,2.4.6
+"""
+
+
+@pytest.fixture
+def csv_file(folder) -> Path:
+    file = folder / "baselines" / "mine.csv"
+    file.parent.mkdir()
+    file.write_text(BASELINE)
+    return file
+
+
+@pytest.mark.parametrize(
+    "saved", ["utf-8-sig", "utf-16", "semicolons", "tabs", "blank lines", "quotes", "windows"]
+)
+def test_a_baseline_that_a_spreadsheet_saved_is_read(csv_file, saved):
+    text, encoding = BASELINE, saved if saved.startswith("utf") else "utf-8"
+    good = repr(baseline.read(csv_file))
+    if saved == "semicolons":
+        text = text.replace(",", ";").replace("0.3", "0,3").replace("0.2", "0,2").replace("nan", " NaN ")
+    elif saved == "tabs":
+        text = text.replace(",", "\t")
+    elif saved == "blank lines":
+        text = text.replace("\n", "\n\n") + ",,,,,,\n"
+    elif saved == "quotes":
+        text = "\n".join(",".join(f'"{v}"' for v in line.split(",")) for line in text.splitlines())
+    elif saved == "windows":
+        text = text.replace("\n", "\r\n")
+    csv_file.write_bytes(text.encode(encoding))
+    assert repr(baseline.read(csv_file)) == good
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("\nlate,", "\nideal,", "mine.csv:3: 'ideal' is there twice, on lines 2 and 3"),
+        ("nan", "n.a.", "mine.csv:2: 'ideal': 'n.a.' is no number"),
+        ("nan", "inf", "mine.csv:2: 'ideal': 'inf' is no length"),
+        ("min_d_2_m", "min_d2", "mine.csv:1: it has no column min_d_2_m"),
+        (",nan", "", "mine.csv:2: 'ideal': '0.1.0' is no number"),
+        ("\nlate", "\nlate,1,2,3,4,5,6,7,8,9", "values in 7 columns"),
+        ("\nlate", '\n"late', "no table of values"),
+    ],
+)
+def test_a_baseline_that_cannot_be_meant_is_refused_with_its_line_before_anything_runs(
+    folder, csv_file, capsys, monkeypatch, old, new, says
+):
+    csv_file.write_text(BASELINE.replace(old, new, 1))
+    monkeypatch.setattr(gate, "simulate", lambda *_, **__: pytest.fail("it ran"))
+    check(folder, code=2)
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xff\x00\xfe", b"PK\x03\x04\x00", b"x" * 1_100_000, b"\x00" * 50, b"\xff\xfe\x00"]
+)
+def test_a_file_that_is_no_table_is_one_line(folder, capsys, content):
+    (folder / "baselines").mkdir()
+    (folder / "baselines" / "mine.csv").write_bytes(content)
+    check(folder, code=2)
+    err = capsys.readouterr().err
+    assert err.startswith(f"mjmerge: {folder}/baselines/mine.csv:")
+    assert err.count("\n") == 1
+
+
+def test_a_stale_row_is_said_and_a_renamed_one_is_recognised(folder, capsys):
+    check(folder, "--update")
+    file = folder / "baselines" / "mine.csv"
+    text = file.read_text()
+    file.write_text(text + text.splitlines()[1].replace("ideal", "gone row") + "\n")
+    capsys.readouterr()
+    check(folder)
+    assert "the gate of mine has no row 'gone row'; --update takes it out" in capsys.readouterr().out
+    check(folder, "--json")
+    assert "gone row" in json.loads(capsys.readouterr().out)["stale"][0]
+    file.write_text(text.replace("\nlate,", "\nwas late,"))
+    check(folder, code=1)
+    assert (
+        "no baseline for this row; was it 'was late', which the gate does not have" in capsys.readouterr().out
+    )
+    check(folder, "--update")
+    assert file.read_text() == text
+
+
+def test_two_scenarios_of_one_name_do_not_share_a_baseline(folder, tmp_path, capsys):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name, ROWS)
+    check(tmp_path / "a", tmp_path / "b", "--baselines", tmp_path / "all", "--update", code=2)
+    assert "would share the baseline" in capsys.readouterr().err
+    assert len(gate.rows([tmp_path / "a", tmp_path / "a", tmp_path / "a" / "mine.yaml"])) == 2
+
+
+JUNIT_XSD = """
+<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" elementFormDefault="qualified">
+  <xs:simpleType name="seconds"><xs:restriction base="xs:string">
+    <xs:pattern value="(([0-9]{0,3},)*[0-9]{3}|[0-9]{0,3})*(\\.[0-9]{0,3})?"/>
+  </xs:restriction></xs:simpleType>
+  <xs:simpleType name="moment"><xs:restriction base="xs:dateTime">
+    <xs:pattern value="[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}"/>
+  </xs:restriction></xs:simpleType>
+  <xs:complexType name="reason"><xs:simpleContent><xs:extension base="xs:string">
+    <xs:attribute name="type" type="xs:string" use="required"/>
+    <xs:attribute name="message" type="xs:string"/></xs:extension></xs:simpleContent></xs:complexType>
+  <xs:element name="testsuite"><xs:complexType><xs:sequence>
+    <xs:element name="properties"><xs:complexType><xs:sequence/></xs:complexType></xs:element>
+    <xs:element name="testcase" minOccurs="0" maxOccurs="unbounded"><xs:complexType>
+      <xs:choice minOccurs="0">
+        <xs:element name="skipped"/>
+        <xs:element name="error" type="reason"/>
+        <xs:element name="failure" type="reason"/>
+      </xs:choice>
+      <xs:attribute name="name" type="xs:token" use="required"/>
+      <xs:attribute name="classname" type="xs:token" use="required"/>
+      <xs:attribute name="time" type="seconds" use="required"/></xs:complexType></xs:element>
+    <xs:element name="system-out" type="xs:string"/>
+    <xs:element name="system-err" type="xs:string"/></xs:sequence>
+    <xs:attribute name="name" type="xs:token" use="required"/>
+    <xs:attribute name="timestamp" type="moment" use="required"/>
+    <xs:attribute name="hostname" type="xs:token" use="required"/>
+    <xs:attribute name="tests" type="xs:int" use="required"/>
+    <xs:attribute name="failures" type="xs:int" use="required"/>
+    <xs:attribute name="errors" type="xs:int" use="required"/>
+    <xs:attribute name="skipped" type="xs:int"/>
+    <xs:attribute name="time" type="seconds" use="required"/></xs:complexType></xs:element>
+</xs:schema>"""
+"""What the schemas of Ant and of Jenkins' xUnit ask for, the stricter one wherever they differ."""
+
+
+def test_the_junit_file_is_valid_where_all_passes_where_some_fail_and_where_a_run_stopped(
+    folder, tmp_path, monkeypatch
+):
+    schema = etree.XMLSchema(etree.fromstring(JUNIT_XSD))
+    assert not schema.validate(etree.fromstring('<testsuite name="a" tests="1" failures="0"/>'))
+    junit = tmp_path / "out.xml"
+
+    def counted(code) -> dict[str, str]:
+        check(folder, "--junit", junit, code=code)
+        suite = etree.parse(junit).getroot()
+        schema.assertValid(suite)
+        return {name: suite.get(name) for name in ("tests", "failures", "errors")}
+
+    check(folder, "--update")
+    assert counted(0) == {"tests": "2", "failures": "0", "errors": "0"}
+    write(folder, ROWS.replace("at_least_m: 0.19}", "at_least_m: 0.25}", 1))
+    assert counted(1) == {"tests": "2", "failures": "1", "errors": "0"}
+    real = gate.simulate
+
+    def stopped(*given, **more):
+        trace = real(*given, **more)
+        return replace(trace, stops=(Stop(0, 1.0, "ego", "it \x00\x1b left the road & <so>"),))
+
+    monkeypatch.setattr(gate, "simulate", stopped)
+    assert counted(3) == {"tests": "2", "failures": "0", "errors": "1"}
 
 
 def test_each_row_is_an_item_of_pytest(folder, pytester):
