@@ -49,7 +49,7 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
     run = worst_run(trace)
     distance_m = trace.distance_m[run]
     ends = [trace.time_s[np.flatnonzero(~np.isnan(row))[-1]] for row in trace.front_m[:, :, 0, 0]]
-    worst = max(verdicts, key=lambda v: VERDICTS.index(v.verdict))
+    worst = max(verdicts, key=lambda v: (VERDICTS.index(v.verdict), v.run == run))
     clearance = trace.min_clearance_m[:, :2]
     return {
         "scenario": trace.scenario.name,
