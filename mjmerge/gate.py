@@ -8,6 +8,7 @@ test is vacuous, and fails.
 
 from __future__ import annotations
 
+import os
 import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,6 +22,7 @@ from mjmerge import baseline, share
 from mjmerge.acts import BODIES, listed
 from mjmerge.baseline import Measured
 from mjmerge.contract import Verdict, judge
+from mjmerge.distinct import labels
 from mjmerge.document import Document
 from mjmerge.effect import acting, covers, given_in_vain
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError
@@ -48,11 +50,13 @@ class Row:
 
     Attributes:
         file: the scenario's file.
+        label: what the scenario is called among those that are checked: two files have two labels.
         check: what it says of this row.
         scenario: the scenario with the row's keys.
     """
 
     file: Path
+    label: str
     check: Check
     scenario: Scenario
 
@@ -107,8 +111,9 @@ def rows(places: Sequence[Path]) -> list[Row]:
             raise UnknownNameError("scenario file or folder", str(place), map(str, share.scenarios()))
         files += sorted(place.glob("*.yaml")) if place.is_dir() else [place]
     found = []
-    for file in dict.fromkeys(files):
-        found += _rows_of(file)
+    called = labels([str(file) for file in files])
+    for file in _once(files):
+        found += _rows_of(file, called[str(file)])
     if not found:
         raise MjmergeError(
             f"no scenario in {', '.join(map(str, places))} has a gate, a list of rows to check"
@@ -116,7 +121,17 @@ def rows(places: Sequence[Path]) -> list[Row]:
     return found
 
 
-def _rows_of(file: Path) -> list[Row]:
+def _once(files: Sequence[Path]) -> Iterator[Path]:
+    """Each file once, however it is written."""
+    seen: set[str] = set()
+    for file in files:
+        where = os.path.abspath(file)  # noqa: PTH100 (resolve() follows links)
+        if where not in seen:
+            seen.add(where)
+            yield file
+
+
+def _rows_of(file: Path, label: str) -> list[Row]:
     """The rows of one scenario."""
     scenario, document = load(file), read(file)
     names: dict[str, int] = {}
@@ -129,7 +144,7 @@ def _rows_of(file: Path) -> list[Row]:
             document.report(f"row {check.name!r}: {message}", f"gate.{i}.plant")
             continue
         try:
-            row = Row(file, check, load(file, check.set))
+            row = Row(file, label, check, load(file, check.set))
             check_plant(check.plant, row.scenario)
         except ScenarioError as error:
             for problem in error.problems:
@@ -309,9 +324,10 @@ def stale(these: Sequence[Row], baselines: Path | None = None) -> list[str]:
     """Rows of the baselines that no row of the gate goes by, a line each."""
     found = []
     for file, place in _places(these, baselines).items():
-        names = next([check.name for check in row.scenario.gate] for row in these if row.file == file)
+        row = next(row for row in these if row.file == file)
+        names = [check.name for check in row.scenario.gate]
         found += [
-            f"{place}: the gate of {file.stem} has no row {name!r}; --update takes it out"
+            f"{place}: the gate of {row.label} has no row {name!r}; --update takes it out"
             for name in baseline.stale(baseline.read(place), names)
         ]
     return found
@@ -327,7 +343,7 @@ def update(results: Sequence[Result], baselines: Path | None = None) -> list[str
     """
     said = []
     now = {name: versions().get(name, "-") for name in baseline.VERSIONS}
-    for file, group in groupby(results, lambda result: result.row.file):
+    for (file, label), group in groupby(results, lambda result: (result.row.file, result.row.label)):
         target = baseline.file_of(file, baselines)
         entries = baseline.read(target)
         names = [check.name for check in load(file).gate]
@@ -335,8 +351,8 @@ def update(results: Sequence[Result], baselines: Path | None = None) -> list[str
             name, before = result.row.check.name, result.baseline
             moved = "; ".join(_moved(result.measured, before, entries, result.row)) or "as before"
             moved = "new" if before is None else moved
-            said.append(f"{file.stem}, {name}: {moved}")
+            said.append(f"{label}, {name}: {moved}")
             entries[name] = result.measured, now
-        said += [f"{file.stem}, {name}: gone" for name in baseline.stale(entries, names)]
+        said += [f"{label}, {name}: gone" for name in baseline.stale(entries, names)]
         baseline.write(target, {name: entries[name] for name in names if name in entries})
     return said

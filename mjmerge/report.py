@@ -291,7 +291,7 @@ def gate_table(results: Sequence[Result]) -> Table:
         good = not result.problems
         word = f"[{'green' if good else 'red'}]{'ok' if good else 'FAILED'}[/]"
         least = (f"{value:.3f}" for value in (row.check.at_least_m, m.min_d_1_m, m.min_d_2_m))
-        names = map(escape, (row.file.stem, row.check.name))
+        names = map(escape, (row.label, row.check.name))
         grid.add_row(*names, *least, moved, word, result.verdict.verdict)
     return grid
 
@@ -303,7 +303,7 @@ def gate_failure(result: Result) -> str:
     other = [f"{name} {made[name]} then, {now[name]} now" for name in now if now[name] != made[name]]
     return "\n".join(
         [
-            f"{row.file.stem}, {row.check.name}:",
+            f"{row.label}, {row.check.name}:",
             *(f"  {problem}" for problem in result.problems),
             *([f"  the baseline was made with other versions: {', '.join(other)}"] if other else []),
             f"  see it:  {row.command}",
@@ -315,7 +315,7 @@ def gate_json(results: Sequence[Result], stale: Sequence[str] = ()) -> dict[str,
     """The gate for machines; ``stale`` says which rows of the baselines the gate does not have."""
     rows = [
         {
-            "scenario": r.row.file.stem,
+            "scenario": r.row.label,
             "row": r.row.check.name,
             "plant": r.row.check.plant,
             "set": list(r.row.check.set),

@@ -44,7 +44,7 @@ class Check:
 
         at_least(0, threads=self.threads)
         places = self.scenarios or (share.folder("scenarios"),)
-        rows = [r for r in gate.rows(places) if self.only in f"{r.file.stem}, {r.check.name}"]
+        rows = [r for r in gate.rows(places) if self.only in f"{r.label}, {r.check.name}"]
         if not rows:
             raise MjmergeError(f"no row of the gate has {self.only!r} in its name")
         with progress_bar(len(rows), "checking") as progress:

@@ -7,7 +7,7 @@ import json
 import pytest
 
 import mjmerge
-from mjmerge import breaking_report, campaign, share, sweep_report
+from mjmerge import breaking_report, campaign, gate, share, sweep_report
 from mjmerge.breaking import ranged, search
 from mjmerge.cli import main
 from mjmerge.distinct import SAME, labels, random
@@ -194,3 +194,15 @@ def test_a_search_runs_seeds_only_where_they_are_other_runs_and_says_so():
     assert note.startswith("nothing is random along mismatch.command_delay_s: 3 seeds are one run")
     assert note[1:] in breaking_report.markdown(found, "charge", "unsafe", seeds=3)
     assert [line["distinct_seeds"] for line in breaking_report.as_json(found)] == [1, 3]
+
+
+def test_a_gate_tells_scenarios_of_the_same_name_apart_and_reads_each_file_once(tmp_path):
+    text = share.scenarios()["charge"].read_text(encoding="utf-8")
+    for folder in "ab":
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "m.yaml").write_text(text, encoding="utf-8")
+    a, b = tmp_path / "a", tmp_path / "b"
+    rows = gate.rows([a, b / "m.yaml", a / ".." / "a" / "m.yaml", b])
+    assert {row.label for row in rows} == {"a/m", "b/m"}
+    assert len(rows) == 2 * len(load("charge").gate)
+    assert {row.label for row in gate.rows([a])} == {"m"}
