@@ -15,15 +15,21 @@ from mjmerge.bicycle import inverse
 from mjmerge.datasheet import DataSheet
 from mjmerge.loader import car_sheets
 from mjmerge.scenario import Scenario
-from mjmerge.state import Array, Cars, Controls, limit
+from mjmerge.state import Array, Cars, Controls, Mask, limit
 
 AIR_KG_PER_M3 = 1.2
 """Density of air."""
 _G_MPS2 = 9.81
 CRAWL_MPS = 0.02
 """Below this speed there is nothing to brake: torque against it starts the car backwards."""
+UNMOVED_MPS2 = 0.01
+"""An acceleration that a car at rest does not start for: its brakes hold it."""
 ROLLS_MPS = 0.1
 """Rolling resistance is all there from this speed on."""
+FEEL_S = 0.2
+"""Time in which a driver who means to stand notices that the car does not slow down as it should."""
+MOST_FELT_MPS2 = 4.0
+"""Most that such a driver makes up for: a slope of 0.35 rad, and some."""
 _DRIVE_SHARES = {"all": (0.25, 0.25, 0.25, 0.25), "front": (0.5, 0.5, 0, 0), "rear": (0, 0, 0.5, 0.5)}
 
 
@@ -85,11 +91,54 @@ def believed_sheets(scenario: Scenario) -> list[DataSheet]:
     return sheets
 
 
-def actuate(cars: Cars, u_mps2: Array, believed: BelievedCars, eps_v_mps: float, step_s: float) -> Controls:
+class Feet:
+    """What drivers who mean to stand do that others do not: they feel the slope, and keep the brakes on.
+
+    Where their cars do not slow down as asked, dv/dt = a + f, they ask for a - f, with f found within about
+    :data:`FEEL_S`; without that a car rolls downhill for ever, where braking by -k v balances the slope. Once
+    they stand they ask for nothing.
+    """
+
+    def __init__(self, step_s: float) -> None:
+        """Args: control step, s."""
+        self._step_s = step_s
+        self._before: tuple[Array, Array] | None = None
+        self._felt = np.zeros(1)
+
+    def __call__(self, speed_mps: Array, a_mps2: Array, stands: Mask) -> Array:
+        """What they ask of their cars, m/s^2, (N, C); call it once per control step.
+
+        Args:
+            speed_mps: of the cars, (N, C).
+            a_mps2: acceleration that they mean, (N, C).
+            stands: which of them mean to stand, (N, C); the others ask for what they mean.
+        """
+        before, self._before = self._before, (speed_mps, a_mps2)
+        if before is None or not stands.any():
+            self._felt = np.zeros(stands.shape)
+        else:
+            off = (speed_mps - before[0]) / self._step_s - before[1]
+            counts = np.abs(before[1]) < MOST_FELT_MPS2  # beyond, it is the car or the grip that limits
+            more = min(self._step_s / FEEL_S, 1.0) * np.where(counts, off, 0.0)
+            self._felt = np.where(stands, limit(self._felt + more, MOST_FELT_MPS2), 0.0)
+        pressed = np.where(np.abs(speed_mps) > CRAWL_MPS, a_mps2 - self._felt, 0.0)
+        return np.where(stands, pressed, a_mps2)
+
+
+def actuate(
+    cars: Cars,
+    u_mps2: Array,
+    believed: BelievedCars,
+    eps_v_mps: float,
+    step_s: float,
+    feet: Feet | None = None,
+    stands: Mask | None = None,
+) -> Controls:
     """What to command over the next control step.
 
     The steering command moves from the angle last commanded at omega, so a lagging servo is not asked
-    twice; for the torque see :func:`wheel_torques`.
+    twice, and not at all while the car stands, when no angle can be right; for the torque see
+    :func:`wheel_torques`.
 
     Args:
         cars: motion of all cars, (N, C).
@@ -97,16 +146,20 @@ def actuate(cars: Cars, u_mps2: Array, believed: BelievedCars, eps_v_mps: float,
         believed: limits and sizes, (C,).
         eps_v_mps: eps_v of the inverse.
         step_s: control step, s.
+        feet: of the drivers, who else feel nothing.
+        stands: which of them mean to stand, (N, C); with ``feet``.
     """
     a, omega = inverse(
         u_mps2, cars.heading_rad, cars.speed_mps, cars.steer_rad, believed.wheelbase_m, eps_v_mps
     )
     rate = believed.steer_rate_limit_radps
-    steer_wanted = cars.steer_command_rad + omega * step_s
-    steer = cars.steer_command_rad + limit(omega, rate) * step_s
+    turns = np.where(np.abs(cars.speed_mps) > CRAWL_MPS, omega, 0.0)
+    steer_wanted = cars.steer_command_rad + turns * step_s
+    steer = cars.steer_command_rad + limit(turns, rate) * step_s
     steer = limit(steer, believed.steer_limit_rad)
 
-    torque, torque_clipped = wheel_torques(cars.speed_mps, a, believed)
+    asked = a if feet is None or stands is None else feet(cars.speed_mps, a, stands)
+    torque, torque_clipped = wheel_torques(cars.speed_mps, asked, believed)
     return Controls(
         u_mps2=u_mps2,
         a_mps2=a,

@@ -109,9 +109,8 @@ def drive(
         substeps=round(tick_s / world.model.opt.timestep),
         threads=threads,
         heading_rad=heading[:, None],
+        gravity_mps2=gravity_mps2,
     )
-    if gravity_mps2 is not None:
-        plant.batch.expand("opt.gravity")[:] = gravity_mps2
     believed = BelievedCars.of(world.sheets, limited=True)
     read = _Reader(plant, world)
     ticks, running = round(duration_s / tick_s), np.ones(runs, dtype=bool)

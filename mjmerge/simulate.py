@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from mjmerge.actuation import BelievedCars, actuate, believed_sheets
+from mjmerge.actuation import BelievedCars, Feet, actuate, believed_sheets
 from mjmerge.bounds import check_runs
 from mjmerge.drivers import Traffic
 from mjmerge.effect import check as check_effect
@@ -86,7 +86,7 @@ def simulate(
     sheets = tuple(believed_sheets(scenario))
     lanes_m, hold_s = moving.observe().front_m[:, 1:, 1], 0.0 if continuous else h
     traffic = Traffic.of(drivers, seeds.tolist(), scenario.duration_s, lanes_m, sheets[1:], hold_s)
-    believed = BelievedCars.of(sheets, limited=moving.limited)
+    believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
     log = Log(scenario, plant, seeds, sheets, mismatch, sink, live, continuous=continuous)
@@ -115,7 +115,7 @@ def simulate(
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
-        controls = actuate(seen, u, believed, law.eps_v_mps, h)
+        controls = actuate(seen, u, believed, law.eps_v_mps, h, feet, traffic.stands(cars, t, u_j))
 
         # record
         row = _row(cars, seen, truth, controls, decision, z, mu, moving.contacts())

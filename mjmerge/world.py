@@ -121,6 +121,13 @@ class World:
         centre: Array = data.subtree_com[chassis] - data.xpos[chassis]
         return centre
 
+    def posture(self, car: str) -> NDArray[np.intp]:
+        """Where a car's generalised positions are, but for the angles of its wheels; x and y come first."""
+        m = self.model
+        joints = [m.joint(j) for j in range(m.njnt)]
+        mine = [j for j in joints if j.name.startswith(f"{car}/") and not j.name.startswith(f"{car}/spin_")]
+        return np.concatenate([j.qposadr[0] + np.arange(len(j.qpos0)) for j in mine])
+
     def axle_mass_kg(self, model: mujoco.MjModel | None = None) -> Array:
         """What stands on each car's front and rear axle, (C, 2); of another model of the same cars."""
         model = model or self.model
@@ -346,6 +353,9 @@ def _add_car(
             solreffriction=(-1.0, -1 / root.option.timestep),
             solimp=(HARDEST, HARDEST, 0.001, 0.5, 2.0),
         )
+        spin = model.find("joint", f"spin_{wheel}")  # its dry friction is the brake of a car that stands
+        spin.solreffriction = (-1.0, -1 / root.option.timestep)
+        spin.solimpfriction = (HARDEST, HARDEST, 0.001, 0.5, 2.0)
     late = int(steps_late(delay_s, root.option.timestep))
     if late > 0:
         for name in DRIVE + STEER + BRAKE:

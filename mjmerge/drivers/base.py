@@ -14,6 +14,7 @@ from pydantic import Field
 from mjmerge.frozen import Frozen
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 FASTEST_MPS = 1000.0
 """Nothing on a road is faster: a speed beyond it is a mistake."""
@@ -88,6 +89,17 @@ class Driver(Frozen):
         """
         del drawn
         return np.zeros(0)
+
+    def stands(self, time_s: float, own: Along, hold_s: float = 0.0) -> Mask:
+        """Whether it means to stand now, (N,), of bool: then it makes up for a slope that its car rolls down.
+
+        Args:
+            time_s: simulated time, s.
+            own: this car, with the acceleration that it intends.
+            hold_s: as of :meth:`acceleration_mps2`.
+        """
+        del time_s, hold_s
+        return np.zeros(len(own.speed_mps), dtype=bool)
 
     @abstractmethod
     def acceleration_mps2(

@@ -19,7 +19,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import FASTEST_MPS, Along, Array, Driver
+from mjmerge.drivers.base import FASTEST_MPS, Along, Array, Driver, Mask
 from mjmerge.state import LEAST
 
 
@@ -68,6 +68,16 @@ class Idm(Driver):
         gap: Array = (self.standstill_gap_m + speed_mps * self.time_gap_s) / np.sqrt(free)
         return gap
 
+    def stands(self, time_s: float, own: Along, hold_s: float = 0.0) -> Mask:
+        """See :meth:`Driver.stands`: where it brakes as hard as its speed lets it."""
+        del time_s
+        gain = self._gain(hold_s)
+        stands: Mask = own.acceleration_mps2 <= -gain * own.speed_mps
+        return stands
+
+    def _gain(self, hold_s: float) -> float:
+        return min(self.stop_gain_per_s, 1 / hold_s) if hold_s > 0 else self.stop_gain_per_s
+
     @np.errstate(over="ignore")  # what overflows is limited
     def acceleration_mps2(
         self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0
@@ -82,5 +92,5 @@ class Idm(Driver):
             s_star = self.standstill_gap_m + np.maximum(v * self.time_gap_s + closing, 0.0)
             s = np.maximum(own.clear_to_m(leader), LEAST)
             wanted = wanted - a * (s_star / s) ** 2
-        gain = min(self.stop_gain_per_s, 1 / hold_s) if hold_s > 0 else self.stop_gain_per_s
+        gain = self._gain(hold_s)
         return np.maximum(wanted, np.clip(-gain * own.speed_mps, -self.limit_mps2, self.limit_mps2))

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import Along, Array, Driver, Forwards, overlap
+from mjmerge.drivers.base import Along, Array, Driver, Forwards, Mask, overlap
 from mjmerge.frozen import Frozen
 
 
@@ -79,6 +79,11 @@ class Speeds(Driver):
         """See :meth:`Driver.switches`: start and end of every change."""
         del drawn
         return np.unique([t for start_s, end_s, _, _ in self._ramps() for t in (start_s, end_s)])
+
+    def stands(self, time_s: float, own: Along, hold_s: float = 0.0) -> Mask:
+        """See :meth:`Driver.stands`."""
+        goes = self.profile_mps(time_s) > 0 or self.profile_mps(time_s + hold_s) > 0
+        return np.full(len(own.speed_mps), not goes)
 
     def acceleration_mps2(
         self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0

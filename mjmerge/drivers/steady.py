@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import FASTEST_MPS, Along, Array, Driver
+from mjmerge.drivers.base import FASTEST_MPS, Along, Array, Driver, Mask
 
 
 class Steady(Driver):
@@ -19,6 +20,11 @@ class Steady(Driver):
     """Speed to keep, m/s."""
     gain_per_s: float = Field(default=2.0, gt=0)
     """How hard it goes back to that speed, 1/s."""
+
+    def stands(self, time_s: float, own: Along, hold_s: float = 0.0) -> Mask:
+        """See :meth:`Driver.stands`."""
+        del time_s, hold_s
+        return np.full(len(own.speed_mps), self.speed_mps == 0)
 
     def acceleration_mps2(
         self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0

@@ -11,7 +11,7 @@ from mjmerge.datasheet import DataSheet
 from mjmerge.drivers.base import Along, Array, Driver
 from mjmerge.drivers.lane import keep_lane
 from mjmerge.errors import MjmergeError
-from mjmerge.state import Cars
+from mjmerge.state import Cars, Mask
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,15 @@ class Traffic:
             leader = own
         u_j[..., 1] = keep_lane(self.lanes_m, p[..., 1], v[..., 1])
         return u_j
+
+    def stands(self, cars: Cars, time_s: float, u_j: Array) -> Mask:
+        """Which of all cars' drivers mean to stand, (N, C), given what they intend; the ego has none."""
+        p, v = cars.front_m[..., 0], cars.velocity_mps[..., 0]
+        found = np.zeros(p.shape, dtype=bool)
+        for j, driver in enumerate(self.drivers):
+            own = Along(p[:, j + 1], v[:, j + 1], u_j[:, j, 0])
+            found[:, j + 1] = driver.stands(time_s, own, self.hold_s)
+        return found
 
     def switches(self) -> Array:
         """When some intention may jump, in a single simulation, s, increasing."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjmerge.actuation import BelievedCars, resistance_n
+from mjmerge.actuation import CRAWL_MPS, UNMOVED_MPS2, BelievedCars, resistance_n
 from mjmerge.loader import car_sheets
 from mjmerge.mismatch import Mismatch
 from mjmerge.plant.bicycle import Bicycle, upright
@@ -41,8 +41,13 @@ class LimitedBicycle(Bicycle):
         turned, self._steer_command = controls.steer_rad - self._steer_command, controls.steer_rad
         for duration_s, told in self._arrivals(np.stack([controls.torque_n_m.sum(axis=-1), turned], axis=-1)):
             cars, v = self._cars, self._x[..., 3]
-            force_n = told[..., 0] / cars.wheel_radius_m - resistance_n(v, cars)
-            yield duration_s, (force_n / cars.effective_mass_kg, told[..., 1] / self._arrivals.step_s)
+            torque = told[..., 0]
+            a = (torque / cars.wheel_radius_m - resistance_n(v, cars)) / cars.effective_mass_kg
+            stops = (torque * v < 0) & ((v + a * duration_s) * v < 0)  # brakes do not start it backwards
+            unmoved = UNMOVED_MPS2 * cars.effective_mass_kg * cars.wheel_radius_m
+            stops |= (np.abs(v) <= CRAWL_MPS) & (np.abs(torque) < unmoved)
+            a = np.where(stops, -v / np.where(duration_s > 0, duration_s, np.inf), a)
+            yield duration_s, (a, told[..., 1] / self._arrivals.step_s)
 
 
 def make(

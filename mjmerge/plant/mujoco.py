@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from math import ceil
 
 import mujoco
 import numpy as np
@@ -15,6 +16,7 @@ from mjmerge.delay import Past, asked_s
 from mjmerge.mismatch import Mismatch, column
 from mjmerge.plant.base import Fault
 from mjmerge.plant.contacts import Contacts
+from mjmerge.plant.hold import STILL, Brakes, Bristles, Holding
 from mjmerge.plant.kinematic import start
 from mjmerge.plant.lag import Lag
 from mjmerge.plant.patch import Patch
@@ -24,8 +26,7 @@ from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.world import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER, WHEELS, World
 
 _LOCKED_RADPS = 1.0  # a brake's full torque is reached from this wheel speed on
-_HELD_RADPS = 0.0002  # the same of brakes that hold a car that stands
-_HELD_MPS2 = 0.01  # an acceleration that a car at rest does not start for
+_SETTLED_S = 5.0  # after which a car on its springs is at rest
 _TILTED = 0.5  # cosine of the tilt beyond which a car is off its wheels: 60 degrees
 
 
@@ -48,8 +49,9 @@ class MuJoCo:
         threads: int = 0,
         heading_rad: Array | None = None,
         mismatch: Sequence[Mismatch] | None = None,
+        gravity_mps2: Array | None = None,
     ) -> None:
-        """At t = 0, with the cars rolling straight ahead.
+        """At t = 0, with the cars rolling straight ahead; those without speed have stood for a while.
 
         Args:
             world: the compiled world of C cars.
@@ -59,6 +61,7 @@ class MuJoCo:
             threads: threads for the physics, 0 for all cores.
             heading_rad: headings, rad, (N, C); along the road by default.
             mismatch: what is different in each simulation, N of them; by default all are as the world is.
+            gravity_mps2: in the frame of the road, (N, 3); by default what the mismatch says.
 
         Raises:
             ModelError: the world was built for shorter delays, or a car lacks what is to be changed.
@@ -108,9 +111,7 @@ class MuJoCo:
         self._motor_limit_w = (world.number("power_limit_w") / driven)[:, None]
         rate = truth.steer_rate * world.number("steer_rate_limit_radps")
         self._most_turn_rad = rate[..., None] * self._step_s
-        self._brake_limit_n_m = truth.brake_limit_n_m
-        self._radius_m = truth.radius_m
-        self._unmoved_n_m = _HELD_MPS2 * truth.mass_kg * self._radius_m[..., 0]
+        self._mass_kg, self._radius_m = truth.mass_kg, truth.radius_m
         self._rolling_n = world.number("rolling_resistance") * (truth.mass_kg * truth.down_mps2)
         self._drag_n_per_mps2 = AIR_KG_PER_M3 / 2 * world.number("drag_area_m2")
 
@@ -134,9 +135,13 @@ class MuJoCo:
         yaw_at = np.array([model.joint(f"{car}/free/").dofadr[0] + 5 for car in cars])
         self._turning = np.concatenate([yaw_at, spin_at.ravel()])
         self._wheels_m = world.wheels_m()
+        self._wind_n = np.zeros((runs, len(cars), 2))
         self._patch: Patch | None = None
+        self._pair_friction: Array | None = None
         self._lag: Lag | None = None
         self._late: Past | None = None
+        self._holding = Holding(truth.mass_kg, speed_mps)
+        self._held = self._holding.held
         if mismatch is not None:
             self._mismatched(mismatch)
         if truth.late_steps.any():
@@ -147,19 +152,56 @@ class MuJoCo:
         self._pairs = slice(int(pairs[0, 0]), int(pairs[-1, -1]) + 1)
         assert np.array_equal(pairs.ravel(), np.arange(self._pairs.start, self._pairs.stop))
         self._contacts = Contacts(world, self.batch, substeps)
+        self._gravity = self.batch.expand("opt.gravity")
+        if gravity_mps2 is not None:
+            self._gravity[:] = gravity_mps2
+        self._brakes = Brakes(world, self.batch, truth.brake_limit_n_m)
+        self._bristles = Bristles(world, self.batch, truth.tyres, self._radius_m)
+        if self._held.any():
+            self._settle(world, front_m)
         self.batch.forward()
         self._sense()
         self._grip()
+
+    def _settle(self, world: World, front_m: Array) -> None:
+        """Gives the cars that stand the posture that they come to on their springs, with their brakes on.
+
+        Nothing else is changed: all cars stand for a while, and what moves is then put back as it was.
+        """
+        stands, runs = self._held, np.flatnonzero(self._held.any(axis=1))
+        before = self.batch.state.copy()
+        self._held = np.ones_like(stands)
+        self._brakes(self._held, self._brakes.none)
+        self._qvel[:] = 0.0
+        self.batch.forward()
+        for _ in range(ceil(_SETTLED_S / self._step_s)):
+            self._sense()
+            self._grip()
+            try:
+                self.batch.step(runs, self._substeps, stage=mujoco.mjtStage.mjSTAGE_VEL)
+            except SimulationError:
+                break  # which it will find again by itself
+        self.batch.forward()
+        self._sense()
+        after, at = self._qpos.copy(), self._now["front_position"][..., :2].copy()
+        self.batch.state[:] = before
+        self._held = stands
+        for c, car in enumerate(self._cars):
+            mine = world.posture(car)
+            self._qpos[:, mine] = np.where(stands[:, c, None], after[:, mine], self._qpos[:, mine])
+            root = mine[:2]
+            moved = after[:, root] - at[:, c] + front_m[:, c]
+            self._qpos[:, root] = np.where(stands[:, c, None], moved, self._qpos[:, root])
+        self._brakes(stands, self._brakes.none)
 
     def _mismatched(self, mismatch: Sequence[Mismatch]) -> None:
         """What a mismatch changes outside the model; none of it where no simulation has it."""
         wind_n = column(mismatch, "side_wind_n")
         if wind_n.any():
             chassis = self.batch.model.body(f"{self._cars[0]}/chassis").id
-            self.batch.bind("xfrc_applied")[:, chassis, 1] = wind_n
+            self.batch.bind("xfrc_applied")[:, chassis, 1] = self._wind_n[:, 0, 1] = wind_n
         if any(m.patch_friction is not None for m in mismatch):
             self._patch = Patch.of(mismatch)
-            self._pair_friction = self.batch.expand("pair_friction")
         lag_s = column(mismatch, "drive_lag_s")
         if lag_s.any():
             self._lag = Lag(lag_s, self._step_s, len(WHEELS))
@@ -173,6 +215,7 @@ class MuJoCo:
         model = self.batch.model
         ticks, steps = np.divmod(late_steps, self._substeps)
         first = np.zeros((len(ticks), len(WHEELS) + 1))
+        first[:, -1] = self._held[:, 0]  # who stands at first, holds until told otherwise
         self._delay_s = ticks * self._step_s
         self._late = Past(first, float(self._delay_s.max()), self._step_s)
         if steps.any():
@@ -218,11 +261,24 @@ class MuJoCo:
             axis, front_m = now["forward_axis"], now["front_position"]
             along_m = front_m[..., :1] + (x_m - x_m[:, :1]) * axis[..., :1] - y_m * axis[..., 1:2]
             friction = self._patch.friction(along_m, self._off_patch)
-            self._pair_friction[:, self._pairs, :2] = friction.reshape(len(friction), -1, 1)
+            self._rub(friction)
             self._friction = friction
+        still = self._held & (np.abs(v[..., 0]) <= CRAWL_MPS)
         d, damping = self._tyres.contact(np.hypot(ahead, across), slip, self._friction)
+        if still.any():
+            d = np.where(still[..., None], np.minimum(d, STILL), d)
         self._impedance[:, self._pairs, :2] = d.reshape(len(d), -1, 1)
         self._damping[:, self._pairs, 1] = -damping.reshape(len(d), -1)
+        if self._bristles.bent or still.any():
+            pull = self._mass_kg[..., None] * self._gravity[:, None, :2] + self._wind_n
+            left = self._bristles(still, pull, self._friction)
+            self._rub(left)
+
+    def _rub(self, friction: Array) -> None:
+        """Sets mu of every tyre, (N, C, 4)."""
+        if self._pair_friction is None:
+            self._pair_friction = self.batch.expand("pair_friction")
+        self._pair_friction[:, self._pairs, :2] = friction.reshape(len(friction), -1, 1)
 
     def step(self, controls: Controls, running: Mask) -> None:
         """See :meth:`Plant.step`."""
@@ -245,9 +301,8 @@ class MuJoCo:
     def _drive(self, torque_n_m: Array) -> tuple[Array, Array, Array]:
         """Of brakes, (N, C, 4), resistance, (N, C), and the M motors, (N, M): what is told them.
 
-        Torque along the car's motion goes to the motors; against it to the brakes, which only resist.
-
-        A car that stands and is asked for next to nothing holds its brakes.
+        Torque along the car's motion goes to the motors; against it to the brakes, which only resist. A car
+        that stands holds its brakes unless it is asked to go, see :mod:`mjmerge.plant.hold`.
 
         A brake is a damper whose coefficient gives that torque at the wheel's present speed, so that a wheel
         that locks stays locked instead of spinning backwards. Torques lag and brakes are late before that;
@@ -261,20 +316,23 @@ class MuJoCo:
         driving = ~braking & (spin < self._spin_limit_radps)
         torque = limit(torque_n_m, self._motor_limit_w / rolling_radps)
         drive, brake = np.where(driving, torque, 0.0), np.where(braking, np.abs(torque_n_m), 0.0)
-        held = speed <= CRAWL_MPS
-        if held.any():
-            held &= np.abs(torque_n_m.sum(axis=-1)) < self._unmoved_n_m
         if self._lag is not None:
             drive[:, 0], brake[:, 0] = self._lag(drive[:, 0], brake[:, 0])
+        forward = self._now["forward_axis"]
+        slope = self._gravity[:, :1] * forward[..., 0] + self._gravity[:, 1:2] * forward[..., 1]
+        resistance = self._drag_n_per_mps2 * v * speed + self._rolling_n * limit(v / ROLLS_MPS, 1.0)
+        push = (drive - np.sign(v)[..., None] * brake).sum(axis=-1) / self._radius_m[..., 0]
+        push -= np.where(speed > CRAWL_MPS, resistance, 0.0)  # what it takes to go on
+        held = self._holding(v, push, slope)
         if self._late is not None:
             self._late.push(np.concatenate([brake[:, 0], held[:, :1]], axis=1))
             late = self._late.ago(self._delay_s)
-            brake[:, 0], held[:, 0] = late[:, :-1], late[:, -1] > 0.5
-        damping = brake / rolling_radps
-        if held.any():
-            hold = self._brake_limit_n_m / np.maximum(spin, _HELD_RADPS)
-            damping = np.where(held[..., None], hold, damping)
-        resistance = self._drag_n_per_mps2 * v * speed + self._rolling_n * limit(v / ROLLS_MPS, 1.0)
+            brake[:, 0], held = late[:, :-1], held.copy()
+            held[:, 0] = late[:, -1] > 0.5
+        self._held = held
+        slow = held[..., None] | (speed[..., None] < _LOCKED_RADPS * self._radius_m)
+        self._brakes(held, np.where(slow, brake, 0.0))
+        damping = np.where(slow, 0.0, brake / rolling_radps)
         return damping, -resistance, drive.reshape(len(drive), -1).take(self._driven_at, axis=1)
 
     def contacts(self) -> tuple[Array, Array]:

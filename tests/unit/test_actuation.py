@@ -5,7 +5,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mjmerge.actuation import CRAWL_MPS, BelievedCars, ackermann, actuate, believed_sheets, bicycle_angle
+from mjmerge.actuation import (
+    CRAWL_MPS,
+    BelievedCars,
+    Feet,
+    ackermann,
+    actuate,
+    believed_sheets,
+    bicycle_angle,
+)
 from mjmerge.loader import data_sheet, load
 from mjmerge.state import Cars
 
@@ -82,7 +90,9 @@ def test_without_limits_nothing_is_clipped(state, u):
     controls = actuate(state, u, UNLIMITED, EPS_V, H)
     assert not controls.torque_clipped_n_m.any()
     assert not controls.steer_clipped_rad.any()
-    assert controls.steer_rad == pytest.approx(state.steer_command_rad + controls.omega_radps * H)
+    moves = np.abs(state.speed_mps) > CRAWL_MPS  # who stands does not steer
+    turned = np.where(moves, controls.omega_radps * H, 0.0)
+    assert controls.steer_rad == pytest.approx(state.steer_command_rad + turned)
 
 
 def test_small_wishes_are_not_clipped():
@@ -94,6 +104,21 @@ def test_small_wishes_are_not_clipped():
 def test_steering_goes_on_from_the_angle_last_commanded_so_a_lagging_servo_is_not_asked_twice():
     controls = actuate(cars(steer=0.05, command=0.1), wanting(0.0, 2.0), LIMITED, EPS_V, H)
     assert controls.steer_rad == pytest.approx(0.1 + controls.omega_radps * H)
+
+
+def test_who_means_to_stand_makes_up_for_the_slope_that_his_car_rolls_down():
+    """Asked for -2 v, its car slows down by 1 m/s^2 less; other drivers feel nothing."""
+    feet, v, stands = Feet(H), np.full((1, 2), 1.0), np.array([[True, False]])
+    for _ in range(round(3 / H)):
+        asked = feet(v, -2 * v, stands)
+        v = v + np.array([[asked[0, 0] + 1.0, 0.0]]) * H
+    assert v[0, 0] < 0.02
+    assert asked[0, 1] == -2.0
+
+
+def test_who_means_to_stand_and_stands_asks_for_nothing():
+    feet, v, stands = Feet(H), np.array([[0.0, 0.0]]), np.array([[True, False]])
+    assert feet(v, np.array([[-0.5, -0.5]]), stands).tolist() == [[0.0, -0.5]]
 
 
 def road_load(sheet, speed):
