@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -36,7 +37,8 @@ class Compare:
 
         a, b = (Side.of(read(recording(path))) for path in (self.a, self.b))
         folder = self.out or Path("compared")
-        prepare(folder, self.out is None, ("figure.png", "compare.rrd"))
+        if prepare(folder, self.out is None, ("figure.png", "compare.rrd")):
+            print(f"mjmerge: what was in {folder} was replaced", file=sys.stderr)
         figure(a, b, folder / "figure.png")
         recording_of_both(a, b, folder / "compare.rrd")
         if self.json:

@@ -35,13 +35,14 @@ class Identify:
         from mjmerge import identified
         from mjmerge.acceptance import store
         from mjmerge.identify import identify
+        from mjmerge.places import identified_folder
         from mjmerge.record.manifest import versions
         from mjmerge.run import prepare
         from mjmerge.world import single
 
         place = share.model_folder(self.model)
         single(self.model)  # a bad car is refused before anything is written
-        folder = self.out or Path("identified") / place.name
+        folder = self.out or identified_folder(place)
         replaced = prepare(folder, self.out is None, identified.FILES)
         with progress_bar(1.0, "driving") as progress:
             found = identify(self.model, progress)

@@ -41,7 +41,7 @@ class Run:
     set_: Overrides = ()
     """Any scenario key, as in `--set law.k_o=0`; repeatable."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Run folder; by default runs/<scenario>-<plant>-<seed>, where an earlier run makes way."""
+    """Run folder; by default runs/<scenario>-<plant>-<seed> and what was set; the same run makes way there."""
     threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
     continuous: Flag = False
@@ -62,6 +62,7 @@ class Run:
         from rich.console import Console
 
         from mjmerge.loader import load
+        from mjmerge.places import run_folder
         from mjmerge.report import table
         from mjmerge.run import run
 
@@ -73,8 +74,14 @@ class Run:
         scenario = load(self.scenario, overrides)
         folder = self.out
         if folder is None and self.record:
-            plant = f"{self.plant}_continuous" if self.continuous else self.plant
-            folder = Path("runs") / f"{scenario.name}-{plant}-{self.seed}"
+            folder = run_folder(
+                scenario,
+                self.plant,
+                self.seed,
+                self.runs,
+                continuous=self.continuous,
+                overrides=self.set_,
+            )
 
         with progress_bar(scenario.duration_s) as progress:
             done = run(
@@ -95,6 +102,8 @@ class Run:
         for failure in done.failures:
             print(f"mjmerge: recorder failed: {failure}", file=sys.stderr)
         if self.json:
+            if done.replaced:
+                print(f"mjmerge: the earlier run in {folder} was replaced", file=sys.stderr)
             print(json.dumps(done.summary))
             return done.exit_code
         console = Console(highlight=False)
@@ -104,12 +113,11 @@ class Run:
         for override in overrides:
             console.print(f"  {override}", markup=False)
         console.print(table(done.summary))
-        if folder is not None:
-            if done.replaced:
-                console.print(f"the earlier run in {plain(folder)} was replaced")
-            if self.record and not done.failures:
-                command = shlex.join(["mjmerge", "view", str(folder)])
-                console.print(f"look at it:  {bold(command)}", soft_wrap=True)
+        if done.replaced:
+            console.print(f"the earlier run in {plain(folder)} was replaced")
+        if folder is not None and self.record and not done.failures:
+            command = shlex.join(["mjmerge", "view", str(folder)])
+            console.print(f"look at it:  {bold(command)}", soft_wrap=True)
         return done.exit_code
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -32,7 +33,8 @@ class Sweep:
     """Name of a shipped campaign (see `mjmerge list campaigns`) or the path of a YAML file; with --ladder and
     --break, a scenario."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder for everything; by default sweeps/<campaign>, ladders/<scenario> or breaking/<scenario>."""
+    """Folder for everything; by default sweeps/<campaign>, ladders/<scenario> or breaking/<scenario>-<plant>,
+    with the axes and what else was set in its name."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
     ladder: Flag = False
@@ -72,6 +74,13 @@ class Sweep:
     def _processes(self) -> int:
         return self.workers or len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else [0])
 
+    def _prepare(self, folder: Path, files: Collection[str]) -> None:
+        """Makes the folder; says what made way."""
+        from mjmerge.run import prepare
+
+        if prepare(folder, self.out is None, files):
+            print(f"mjmerge: what was in {folder} was replaced", file=sys.stderr)
+
     def _campaign(self) -> int:
         from rich.console import Console
 
@@ -105,16 +114,16 @@ class Sweep:
         from rich.console import Console
 
         from mjmerge import ladder
+        from mjmerge.places import ladder_folder
         from mjmerge.plan import given
-        from mjmerge.run import prepare
         from mjmerge.workers import workers
 
         with workers(self._processes()) as team, runs_bar(len(ladder.RUNGS)) as progress:
             found = ladder.climb(
                 self.what, given(self.set_), team, seed=self.seed, progress=lambda done: progress(done, 0)
             )
-        folder = self.out or Path("ladders") / found.scenario.name
-        prepare(folder, self.out is None, ladder.FILES)
+        folder = self.out or ladder_folder(found.scenario.name, self.seed, self.set_)
+        self._prepare(folder, ladder.FILES)
         ladder.write(found, folder)
         if self.json:
             print(json.dumps(ladder.as_json(found) | {"out": str(folder)}))
@@ -132,8 +141,8 @@ class Sweep:
 
         from mjmerge import breaking, breaking_report
         from mjmerge.loader import load
+        from mjmerge.places import breaking_folder
         from mjmerge.plan import given
-        from mjmerge.run import prepare
         from mjmerge.workers import workers
 
         settings = given(self.set_)
@@ -144,8 +153,9 @@ class Sweep:
         across = breaking.ranged(pairs[0][1], self.what, settings, self.plant) if len(pairs[0]) == 2 else None
         breaking.check(self.what, self.plant, axes, settings, across=across, until=self.until)
         name = load(self.what).name
-        folder = self.out or Path("breaking") / name
-        prepare(folder, self.out is None, breaking_report.FILES)
+        seeds = range(self.seed, self.seed + self.seeds)
+        folder = self.out or breaking_folder(name, self.plant, self.break_, self.until, seeds, self.set_)
+        self._prepare(folder, breaking_report.FILES)
         with workers(self._processes()) as team:
             found = breaking.search(
                 self.what,
@@ -155,7 +165,7 @@ class Sweep:
                 team,
                 across=across,
                 until=self.until,
-                seeds=range(self.seed, self.seed + self.seeds),
+                seeds=seeds,
                 progress=lambda text: print(text, file=sys.stderr),
             )
         title = f"{name} on {self.plant}"
