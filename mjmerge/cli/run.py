@@ -41,7 +41,7 @@ class Run:
     set_: Overrides = ()
     """Any scenario key, as in `--set law.k_o=0`; repeatable."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Run folder; by default runs/<scenario>-<plant>-<seed> and what was set; the same run makes way there."""
+    """Run folder; by default runs/<scenario>-<plant>-<seed> and what was set; the same run makes way."""
     threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
     continuous: Flag = False
