@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import isfinite
 from os.path import normpath
 from pathlib import Path
 from typing import Any
@@ -153,7 +154,7 @@ class CarFile:
             "numeric": [name for name in NUMBERS if name not in self.named("numeric")],
         }
         for element in self.elements:
-            for message in _problems(element, absent):
+            for message in (*_infinite(element), *_problems(element, absent)):
                 yield Finding(element.kind, element.name, message, element.place)
 
 
@@ -206,6 +207,17 @@ def _problems(e: Element, absent: Mapping[str, list[str]]) -> Iterator[str]:
         yield from _acts(e, absent["actuator"])
     elif section == "asset" and (e.tag == "model" or e.attributes.get("type") == "skybox"):
         yield f"{e.said}: not part of a car; {_REMOVE}"
+
+
+def _infinite(e: Element) -> Iterator[str]:
+    """Numbers of an element that are none, or that no computer can hold."""
+    for name, value in e.attributes.items():
+        try:
+            numbers = [float(part) for part in value.split()]
+        except ValueError:
+            continue
+        if not all(map(isfinite, numbers)):
+            yield f'{e.said}: {name}="{value}"; expected finite numbers'
 
 
 def _compiler(e: Element) -> Iterator[str]:

@@ -8,6 +8,7 @@ car's options into it.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +22,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge import car_checks, car_controls, car_names, car_sizes, share
+from mjmerge import car_checks, car_controls, car_joints, car_names, car_sizes, share
 from mjmerge.bounds import MOST_DASHES
 from mjmerge.car import Car
 from mjmerge.car_file import CarFile
@@ -72,6 +73,7 @@ _PAINT = {
 }
 """Body colour by role; the paper draws the ego green and its neighbours blue."""
 _CLEARANCE_CUTOFF_M = 100.0
+_LINE = re.compile(r", (id \d+, )?line \d+")
 
 
 @dataclass(frozen=True)
@@ -296,9 +298,27 @@ def compose(
     try:
         model = mujoco.MjModel.from_xml_string(xml, root.get_assets())
     except ValueError as error:
-        raise ModelError(f"the composed world does not compile: {error}") from error
+        raise ModelError(_why(error, files)) from error
     _check_model(model, without_cars, files, sheets)
     return World(model, xml, cars, sheets, tyres)
+
+
+def _why(error: ValueError, files: Mapping[str, CarFile]) -> str:
+    """Why a world does not compile: the error of a car's own file, with its line, or else the world's."""
+    for file in files.values():
+        try:
+            mujoco.MjModel.from_xml_path(str(file.path))
+        except ValueError as own:
+            return f"{file.path}: {_one_line(own)}"
+    said = _LINE.sub("", _one_line(error))  # a line of the world's own file
+    for car, file in files.items():
+        if f"'{car}/" in said:
+            return f"{file.path}: {said.replace(f'{car}/', '')}"
+    return f"the composed world does not compile: {said}"
+
+
+def _one_line(error: Exception) -> str:
+    return "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
 
 
 def _mark_lanes(root: mjcf.RootElement, scenario: Scenario) -> None:
@@ -374,13 +394,12 @@ def _load_car(folder: Path, sheet: DataSheet) -> tuple[mjcf.RootElement, CarFile
         ModelError: it does not parse, or something is missing or too much; all of it is named.
     """
     file = CarFile.of(folder)
-    problems = car_names.problems(file, sheet)
+    if problems := car_names.problems(file, sheet):
+        raise ModelError("\n".join(problems))
     try:
         model = mjcf.from_path(str(file.path))
-    except (OSError, ValueError, KeyError, AttributeError, SyntaxError) as error:  # lxml's is a SyntaxError
-        raise ModelError("\n".join(problems or [f"{file.path}: {error}"])) from error
-    if problems:
-        raise ModelError("\n".join(problems))
+    except (OSError, ValueError, KeyError, AttributeError, OverflowError, SyntaxError) as error:  # lxml's
+        raise ModelError(f"{file.path}: {_one_line(error)}") from error
     return model, file
 
 
@@ -395,7 +414,7 @@ def _check_model(
     findings: list[Finding] = []
     for (car, file), sheet in zip(files.items(), sheets, strict=True):
         one = Car(model, car, sheet)
-        for check in (car_checks, car_controls, car_sizes):
+        for check in (car_checks, car_joints, car_controls, car_sizes):
             findings += [replace(f, place=file.place(f.kind, f.name)) for f in check.findings(one)]
     problems += told(findings)
     if problems:

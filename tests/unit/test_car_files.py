@@ -208,6 +208,22 @@ PARTS = {
         f'{REAR_HUB}<joint name="x" axis="0 1 0"/>',
         "slide joints along z for a suspension",
     ),
+    "sprung on three wheels": (
+        '<joint name="suspension_rear_left" class="rear"/>',
+        "",
+        "wheel_rear_left has no suspension, and others have one",
+    ),
+    "springs at rest": ('springref="-0.01554"', "", "the car sinks by 0.00"),
+    "no springs": ('stiffness="512" damping', 'stiffness="0" damping', "the springs push with"),
+    "endless": ('mass="3.1"', 'mass="inf"', 'mass="inf"; expected finite numbers'),
+    "no number": ('pos="0.15875 0 0"', 'pos="nan 0 0"', 'pos="nan 0 0"; expected finite numbers'),
+    "larger than any number": ('mass="3.1"', 'mass="1e400"', "expected finite numbers"),
+    "a group that is none": ('<geom name="wing"', '<geom group="inf" name="wing"', "expected finite numbers"),
+    "an unknown class": (
+        '<geom name="wing"',
+        '<geom class="wing" name="wing"',
+        "own.xml: XML Error: unknown default",
+    ),
     "gear": (
         'joint="spin_rear_left" class="spin"',
         'joint="spin_rear_left" class="spin" gear="2"',
