@@ -12,101 +12,17 @@ from mjmerge.world import compose
 
 NUMBERS = ("", "nan", "inf", "1e400", "-1", "0", "0 0", "1 2 3", "1e-300", "1e300", "9" * 20, "0 0 1")
 WORDS = ("a", "world", "chassis", "true", "hull", "mesh", "plane", "free", "ball", "radian", "../x", "ä")
-ATTRIBUTES = [
-    "pos",
-    "euler",
-    "quat",
-    "size",
-    "type",
-    "mass",
-    "class",
-    "name",
-    "axis",
-    "range",
-    "contype",
-    "gravcomp",
-    "mocap",
-    "density",
-    "joint",
-    "site",
-    "gear",
-    "ctrlrange",
-    "forcerange",
-    "kp",
-    "kv",
-    "user",
-    "childclass",
-    "delay",
-    "nsample",
-    "margin",
-    "condim",
-    "ref",
-    "springref",
-    "springdamper",
-    "stiffness",
-    "damping",
-    "group",
-    "frictionloss",
-    "armature",
-    "data",
-    "objtype",
-    "objname",
-    "cutoff",
-    "material",
-    "mesh",
-    "hfield",
-    "limited",
-    "actrange",
-    "dyntype",
-    "biastype",
-    "biasprm",
-    "tendon",
-    "body",
-    "fromto",
-    "diaginertia",
-    "fullinertia",
-    "file",
-]
-TAGS = [
-    "geom",
-    "body",
-    "joint",
-    "freejoint",
-    "site",
-    "camera",
-    "light",
-    "composite",
-    "flexcomp",
-    "plugin",
-    "frame",
-    "replicate",
-    "attach",
-    "option",
-    "size",
-    "compiler",
-    "include",
-    "default",
-    "tendon",
-    "equality",
-    "custom",
-    "numeric",
-    "text",
-    "motor",
-    "general",
-    "position",
-    "inertial",
-    "sensor",
-    "asset",
-    "mesh",
-    "texture",
-    "visual",
-    "statistic",
-    "keyframe",
-    "contact",
-    "deformable",
-    "extension",
-    "xyz",
-]
+ATTRIBUTES = (
+    "pos euler quat size type mass class name axis range contype gravcomp mocap density joint site gear "
+    "ctrlrange forcerange kp kv user childclass delay nsample margin condim ref springref springdamper "
+    "stiffness damping group frictionloss armature data objtype objname cutoff material mesh hfield "
+    "limited actrange dyntype biastype biasprm tendon body fromto diaginertia fullinertia file"
+)
+TAGS = (
+    "geom body joint freejoint site camera light composite flexcomp plugin frame replicate attach option "
+    "size compiler include default tendon equality custom numeric text motor general position inertial "
+    "sensor asset mesh texture visual statistic keyframe contact deformable extension xyz"
+)
 
 
 def changed(text, chance):
@@ -121,11 +37,11 @@ def changed(text, chance):
         elif kind == 2 and element.attrib:
             element.set(chance.choice(list(element.attrib)), chance.choice(NUMBERS + WORDS))
         elif kind == 3:
-            element.set(chance.choice(ATTRIBUTES), chance.choice(NUMBERS + WORDS))
+            element.set(chance.choice(ATTRIBUTES.split()), chance.choice(NUMBERS + WORDS))
         else:
-            new = etree.SubElement(element, chance.choice(TAGS))
+            new = etree.SubElement(element, chance.choice(TAGS.split()))
             for _ in range(chance.randrange(3)):
-                new.set(chance.choice(ATTRIBUTES), chance.choice(NUMBERS + WORDS))
+                new.set(chance.choice(ATTRIBUTES.split()), chance.choice(NUMBERS + WORDS))
     return etree.tostring(root)
 
 
