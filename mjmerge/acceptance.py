@@ -20,6 +20,8 @@ from mjmerge.outputs import put
 FILE = "acceptance.json"
 
 _REFERENCE = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']""")
+_ASSETS = re.compile(rb"""\b(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,15 @@ def fingerprint(folder: Path) -> str:
         data = path.read_bytes()
         found[path.name if path.parent == base else f"{path.parent.name}/{path.name}"] = data
         if path.suffix == ".xml":
-            waiting += [(path.parent / name.decode()).resolve() for name in _REFERENCE.findall(data)]
+            waiting += _named(path, data)
     for name in sorted(found):
         digest.update(f"{name}\0{len(found[name])}\0".encode() + found[name])
     return digest.hexdigest()
+
+
+def _named(path: Path, data: bytes) -> list[Path]:
+    """Files that an MJCF names, beside it or in one of the folders that it says its assets are in."""
+    said = _COMMENT.sub(b"", data)
+    places = [path.parent, *(path.parent / folder.decode() for folder in _ASSETS.findall(said))]
+    names = [name.decode() for name in _REFERENCE.findall(said)]
+    return [next((p / n for p in places if (p / n).is_file()), path.parent / n).resolve() for n in names]

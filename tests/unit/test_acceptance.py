@@ -71,6 +71,20 @@ def test_a_car_that_was_edited_since_is_stale_even_in_a_part_it_shares(folder, e
     assert "edited" in acceptance(folder).sentence
 
 
+def test_a_car_whose_meshes_are_in_a_folder_of_their_own_is_stale_when_one_of_them_changes(folder):
+    mjcf, mesh = folder / "rc.xml", folder / "shapes" / "shell.obj"
+    mesh.parent.mkdir()
+    mesh.write_text("v 0 0 0\n")
+    parts = """<include file="../parts/car.xml"/>"""
+    asset = """<!-- file="gone.obj" --><compiler meshdir="shapes"/>
+    <asset><mesh name="m" file="shell.obj"/></asset>"""
+    mjcf.write_text(mjcf.read_text().replace(parts, parts + asset))
+    store(folder, [GOOD], {})
+    assert acceptance(folder).state == "passed"
+    mesh.write_text("v 1 1 1\n")
+    assert acceptance(folder).state == "stale"
+
+
 def test_the_fingerprint_is_of_the_files_and_not_of_where_they_are(folder):
     assert fingerprint(folder) == fingerprint(share.model_folder("rc"))
     (folder / "README.md").write_text("other words")
