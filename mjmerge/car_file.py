@@ -18,7 +18,7 @@ from lxml import etree
 
 from mjmerge.errors import ModelError, nearest
 from mjmerge.findings import Finding
-from mjmerge.parts import BRAKE, DRIVE, NUMBERS, RESISTANCE, SENSORS, STEER
+from mjmerge.parts import BRAKE, DRIVE, NUMBERS, RESISTANCE, SENSORS, STEER, STEERED, WHEELS
 
 _WORLDS = {
     "option": "the scenario sets the world's options (physics_step_s; mismatch.grade_rad for a slope)",
@@ -57,6 +57,7 @@ _OF_THE_WORLD = (
 )
 """Sensors of more than a car."""
 _ACTUATORS = (*DRIVE, *STEER, *BRAKE, RESISTANCE)
+_REAR_STEERING = [f"steer_{wheel}" for wheel in WHEELS if wheel not in STEERED]
 _REMOVE = "remove it"
 
 
@@ -257,7 +258,9 @@ def _body(e: Element) -> Iterator[str]:
 
 def _acts(e: Element, absent: list[str]) -> Iterator[str]:
     """Of actuators and sensors, and of the defaults of both."""
-    if e.kind == "actuator" and e.path and e.name not in _ACTUATORS:
+    if e.kind == "actuator" and e.name in _REAR_STEERING:
+        yield f"{e.said}: only the front wheels of a car steer; {_REMOVE}, and its joint"
+    elif e.kind == "actuator" and e.path and e.name not in _ACTUATORS:
         yield f"{e.said}: an actuator that nothing commands; {_or_rename(e, absent)}"
     if e.kind == "sensor" and e.path:
         if e.tag in _OF_THE_WORLD or "world" in (e.attributes.get("objname"), e.attributes.get("refname")):

@@ -299,7 +299,14 @@ def compose(
         model = mujoco.MjModel.from_xml_string(xml, root.get_assets())
     except ValueError as error:
         raise ModelError(_why(error, files)) from error
-    _check_model(model, without_cars, files, sheets)
+    asked = {
+        "timestep": physics_step_s,
+        "integrator": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+        "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
+        "impratio": IMPRATIO,
+        "disableflags": mujoco.mjtDisableBit.mjDSBL_AUTORESET,
+    }
+    _check_model(model, list(differences(model, without_cars, asked, cars)), files, sheets)
     return World(model, xml, cars, sheets, tyres)
 
 
@@ -404,18 +411,13 @@ def _load_car(folder: Path, sheet: DataSheet) -> tuple[mjcf.RootElement, CarFile
 
 
 def _check_model(
-    model: mujoco.MjModel,
-    without_cars: mujoco.MjModel,
-    files: Mapping[str, CarFile],
-    sheets: Sequence[DataSheet],
+    model: mujoco.MjModel, problems: list[str], files: Mapping[str, CarFile], sheets: Sequence[DataSheet]
 ) -> None:
-    """Raises ModelError where the compiled model is not what was composed, or a car not what it must be."""
-    problems = list(differences(model, without_cars, tuple(files)))
+    """Raises ModelError where the compiled world has problems, or a car in it is not what it must be."""
     findings: list[Finding] = []
     for (car, file), sheet in zip(files.items(), sheets, strict=True):
         one = Car(model, car, sheet)
         for check in (car_checks, car_joints, car_controls, car_sizes):
             findings += [replace(f, place=file.place(f.kind, f.name)) for f in check.findings(one)]
-    problems += told(findings)
-    if problems:
+    if problems := [*problems, *told(findings)]:
         raise ModelError("\n".join(problems))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -29,14 +29,19 @@ _GEOM = (
 """What makes a geom of the road and its markings."""
 
 
-def differences(model: mujoco.MjModel, before: mujoco.MjModel, cars: Sequence[str]) -> Iterator[str]:
-    """What of a compiled world is not as it was before its cars came.
+def differences(
+    model: mujoco.MjModel, before: mujoco.MjModel, asked: Mapping[str, float], cars: Sequence[str]
+) -> Iterator[str]:
+    """What of a compiled world is not as it was asked for, or not as it was before its cars came.
 
     Args:
         model: the world.
-        before: the same without cars: the options, the picture and the road that are meant.
+        before: the same without cars: all options, the picture and the road that are meant.
+        asked: options that were asked for in words, which a composition might lose.
         cars: names of the cars.
     """
+    for name, value in asked.items():
+        yield from _same(f"option {name}", getattr(before.opt, name), value)
     for name in _values(before.opt):
         yield from _same(f"option {name}", getattr(model.opt, name), getattr(before.opt, name))
     for part in ("global_", "headlight", "map", "quality", "rgba", "scale"):
@@ -76,4 +81,4 @@ def _same(what: str, mine: Any, meant: Any) -> Iterator[str]:
 
 
 def _text(value: Any) -> str:
-    return " ".join(f"{v:g}" for v in np.ravel(value))
+    return " ".join(f"{float(v):g}" for v in np.ravel(value))

@@ -246,6 +246,15 @@ def test_four_steered_wheels_are_refused_with_the_two_that_steer(altered_car):
     )
 
 
+def test_a_servo_of_a_rear_wheel_is_refused_in_one_line(altered_car):
+    motor = '<motor name="drive_rear_left"'
+    servos = "".join(
+        f'<position name="steer_rear_{s}" joint="spin_rear_{s}" class="steer"/>' for s in ("left", "right")
+    )
+    (line,) = refused(load("paper", [f"models.ego={altered_car((motor, servos + motor))}"])).splitlines()
+    assert "only the front wheels of a car steer; remove it, and its joint (so is steer_rear_right)" in line
+
+
 def test_spin_and_steer_on_one_body_say_that_the_hub_is_missing(altered_car):
     steer = '<joint name="steer_front_left" class="steer"/>'
     wheel = '<joint name="spin_front_left" class="spin"/>'

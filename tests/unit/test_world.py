@@ -1,5 +1,7 @@
 """The composed world: what was asked for is what MuJoCo compiled."""
 
+import pkgutil
+
 import mujoco
 import numpy as np
 import pytest
@@ -16,6 +18,15 @@ from mjmerge.world import DRIVE, DRIVEN, IMPRATIO, STEER, WHEELS, build, compose
 @pytest.fixture(scope="module")
 def world():
     return build(load("paper"))
+
+
+def test_an_option_that_the_composition_loses_is_an_error_and_not_another_physics(monkeypatch):
+    composed = "mjmerge.world.mjcf.RootElement.to_xml_string"
+    text = pkgutil.resolve_name(composed)
+    lose = lambda root, **more: text(root, **more).replace('cone="elliptic"', "")  # noqa: E731
+    monkeypatch.setattr(composed, lose)
+    with pytest.raises(ModelError, match="the compiled world's option cone is 0, not 1"):
+        compose({"ego": "rc"})
 
 
 def test_options_reach_the_compiled_model():
