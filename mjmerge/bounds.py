@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
+from mjmerge.document import described
 from mjmerge.errors import MjmergeError
 
 if TYPE_CHECKING:
@@ -87,3 +89,26 @@ def most_threads() -> int:
 def most_workers() -> int:
     """The most processes that may be asked for on this machine."""
     return max(MOST_WORKERS, os.cpu_count() or 1)
+
+
+def whole(name: str, given: object, least: int, most: int) -> int:
+    """A whole number of any kind.
+
+    Args:
+        name: of the argument.
+        given: what it is.
+        least: its lower bound.
+        most: its upper bound.
+
+    Raises:
+        MjmergeError: it is none, or out of bounds.
+    """
+    try:
+        if isinstance(given, bool):
+            raise TypeError
+        value = operator.index(given)  # type: ignore[arg-type]
+    except TypeError:
+        raise MjmergeError(f"{name} must be a whole number, got {described(given)}") from None
+    if not least <= value <= most:
+        raise MjmergeError(f"{name} is {value}; it must be at least {least} and at most {most}")
+    return value

@@ -28,7 +28,7 @@ from mjmerge.counterfactual import without_barrier_m
 from mjmerge.hypotheses import OBEYS_WINDOW_S, SEEN, Hypothesis, asked
 from mjmerge.metrics import Collision, Event, collisions
 from mjmerge.state import Array, Mask
-from mjmerge.trace import Stop, Trace
+from mjmerge.trace import Stop, Trace, check_trace
 
 HELD, VACUOUS, INCOMPLETE, UNRESOLVED, BROKEN, REFUTED = (
     "held", "vacuous", "incomplete", "unresolved", "assumption broken", "refuted",
@@ -100,7 +100,11 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
         trace: what happened.
         without: least d_1 and d_2 of each simulation on the ideal plant without the barrier, m, (N, 2). By
             default they are simulated, of those that are safe.
+
+    Raises:
+        MjmergeError: it is no trace.
     """
+    check_trace(trace)
     evidence = _Evidence.of(trace)
     safe = [run for run in range(trace.runs) if evidence.is_safe(run)]
     least = np.full((trace.runs, 2), np.nan)

@@ -20,7 +20,7 @@ from mjmerge import share
 from mjmerge.checks import check
 from mjmerge.datasheet import DataSheet
 from mjmerge.document import UNREADABLE, Document, copied, described, is_text, parse, scalar
-from mjmerge.errors import ModelError, Problem, ScenarioError, UnknownNameError, nearest
+from mjmerge.errors import MjmergeError, ModelError, Problem, ScenarioError, UnknownNameError, nearest
 from mjmerge.frozen import Frozen
 from mjmerge.scenario import CARS, Models, Scenario
 
@@ -46,8 +46,14 @@ def load(
         ScenarioError: with every problem found, each with its key and line.
         UnknownNameError: there is no scenario of that name.
     """
+    _check_texts(overrides)
     if isinstance(source, Mapping):
         document, where, name, near = copied(source), "scenario", "scenario", None
+    elif not isinstance(source, str | os.PathLike) or isinstance(source, bytes):
+        raise MjmergeError(
+            f"expected a scenario's name, path or mapping of keys, got {described(source)}; what is loaded "
+            'already is altered by load(name, ["law.k_o=0"])'
+        )
     else:
         path = file_of("scenario", source, share.scenarios())
         document, where, name, near = read(path), str(path), path.stem, path.parent
@@ -71,6 +77,19 @@ def load(
     assert scenario is not None, "what is not valid has problems"
     loaded = scenario.model_copy(update={"models": sections["models"]}).named(name).giving(document.given)
     return loaded if sheets is None else loaded.with_sheets(sheets)
+
+
+def _check_texts(given: object) -> None:
+    """Refuses overrides that are no ``KEY=VALUE`` texts.
+
+    Raises:
+        MjmergeError: with what to pass.
+    """
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise MjmergeError(f'overrides are a list of texts, such as ["law.k_o=0"], got {described(given)}')
+    for text in given:
+        if not isinstance(text, str):
+            raise MjmergeError(f'an override is a text, such as "law.k_o=0", got {described(text)}')
 
 
 def data_sheet(model: str) -> DataSheet:

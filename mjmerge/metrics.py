@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmerge.bounds import whole
 from mjmerge.scenario import CARS
 from mjmerge.state import PAIRS, Array, Mask
-from mjmerge.trace import Trace
+from mjmerge.trace import Trace, check_trace
 
 MERGED_M = 0.1
 """Lateral error below which, and for good, the merge counts as done, m."""
@@ -147,7 +148,13 @@ def clear_ticks_without_margin(trace: Trace) -> NDArray[np.int64]:
 
 
 def events(trace: Trace, run: int = 0) -> list[Event]:
-    """What happened in one simulation, in order of time."""
+    """What happened in one simulation, in order of time.
+
+    Raises:
+        MjmergeError: it is no trace, or there is no such simulation in it.
+    """
+    check_trace(trace)
+    whole("run", run, 0, trace.runs - 1)
     found: list[Event] = []
     time_s = trace.time_s
 

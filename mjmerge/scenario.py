@@ -33,7 +33,7 @@ else:
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Need = Literal["barrier", "grip"]
-Place = Annotated[float, Field(ge=-1e6, le=1e6)]
+Place = Annotated[float, Field(ge=-1e9, le=1e9)]
 Point = Annotated[tuple[Place, Place], Field(strict=False)]
 
 
@@ -272,8 +272,8 @@ class Scenario(Frozen):
             MjmergeError: it is no size.
             ScenarioError: a key leaves its bounds.
         """
-        if not 0 < length < inf:
-            raise MjmergeError(f"the scale must be a positive number, got {length}")
+        if isinstance(length, bool) or not isinstance(length, int | float) or not 0 < length < inf:
+            raise MjmergeError(f"the scale must be a positive number, got {length!r}")
         other = rescaled(self, length, sqrt(length)).model_copy(update={"gate": ()})
         try:
             type(self).model_validate(other.model_dump())

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mjmerge.actuation import BelievedCars, Feet, actuate, believed_sheets
+from mjmerge.arguments import check_run
 from mjmerge.bounds import check_runs
 from mjmerge.drivers import Traffic
 from mjmerge.effect import check as check_effect
@@ -65,8 +66,10 @@ def simulate(
         UnknownNameError: there is no such plant.
         ModelError: a car model lacks what is needed of it.
         ScenarioError: a key that was given beside the scenario's file, or a case, is without effect here.
-        MjmergeError: the plant has no continuous time, or the first neighbour's driver nobody to follow.
+        MjmergeError: an argument is not what it must be, the plant has no continuous time, or the first
+            neighbour's driver nobody to follow.
     """
+    check_run(scenario, plant, runs, seed, threads, cases, continuous=continuous, world=world)
     check(plant, scenario)
     check_effect(scenario, plant, continuous=continuous, mismatches=[m for _, m in cases or ()])
     scenario = scenario.settled().with_sheets(tuple(car_sheets(scenario)))  # whatever becomes of the models

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.datasheet import DataSheet
+from mjmerge.document import described
+from mjmerge.errors import MjmergeError
 from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Mask
@@ -157,6 +159,18 @@ class Trace:
     def min_clearance_m(self) -> Array:
         """Smallest distance between bodies, pair by pair, m, (N, 3); NaN where there are no bodies."""
         return _least(self.clearance_m)
+
+
+def check_trace(given: object) -> None:
+    """Refuses what is no trace.
+
+    Raises:
+        MjmergeError: with what to pass.
+    """
+    if not isinstance(given, Trace):
+        raise MjmergeError(
+            f"expected a trace, got {described(given)}; pass what mjmerge.simulate(scenario) returned"
+        )
 
 
 COLUMNS: tuple[Column, ...] = tuple(

@@ -36,7 +36,7 @@ def refused(capsys, *args: str) -> str:
         ("run paper --threads 1000000", "--threads is 1000000; it must be at most"),
         ("run paper --set initial.ego.speed_mps=1e9", "must be at most 1000, got 1000000000.0"),
         ("run paper --set initial.vehicle_1.speed_mps=-1e9", "must be at least -1000"),
-        ("run paper --set initial.ego.front_m=[-1e300,1]", "must be at least -1e+06"),
+        ("run paper --set initial.ego.front_m=[-1e300,1]", "must be at least -1e+09"),
         ("run paper --set road.lane_width_m=1.2e-12", "must be at least 0.01, got 1.2e-12"),
         ("run paper --set road.lane_width_m=1e300", "must be at most 1000"),
         (
