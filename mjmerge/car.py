@@ -75,15 +75,16 @@ def off(
 ) -> Iterator[Finding]:
     """A finding if a number is not the data sheet's; ``what`` says what was measured, its unit at the end."""
     text, _, unit = what.rpartition(" ")
+    unit = "" if unit == "1" else f" {unit}"
     given = getattr(car.sheet, key) if meant is None else meant
     if not abs(got - given) <= allowed:
         said = f"{key}: {getattr(car.sheet, key):g}"
         if meant is not None:
-            said += f", which makes {meant:.6g} {unit}"
+            said += f", which makes {meant:.6g}{unit}"
         yield Finding(
             kind,
             name,
-            f"{text} is {got:.6g} {unit}; datasheet.yaml says {said} (within {allowed:.3g} {unit})",
+            f"{text} is {got:.6g}{unit}; datasheet.yaml says {said} (within {allowed:.3g}{unit})",
         )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from mjmerge.actuation import ackermann
 from mjmerge.car import SAME, Car, off
 from mjmerge.findings import Finding
-from mjmerge.parts import BRAKE, DRIVE, DRIVEN, SENSORS, STEER, WHEELS
+from mjmerge.parts import BRAKE, DRIVE, DRIVEN, SENSORS, STEER, STEERED, WHEELS
 
 Kind = mujoco.mjtObj
 NONE = mujoco.mjtDyn.mjDYN_NONE
@@ -52,27 +52,42 @@ def _actuators(car: Car) -> Iterator[Finding]:
                     f"actuator {name} has a gear of {actuator.gear[0]:g}; expected 1: limits are "
                     "those at the wheel",
                 )
-        share = sheet.brake_front_share if i < 2 else 1 - sheet.brake_front_share
-        brake, most = car.of("actuator", BRAKE[i]), sheet.brake_torque_limit_n_m * share / 2
-        got = brake.forcerange[1] if brake.forcelimited[0] else np.inf
-        if not abs(got - most) <= SAME * most:
-            yield Finding(
-                "actuator",
-                BRAKE[i],
-                f"the largest torque of {BRAKE[i]} is {got:.6g} N·m; datasheet.yaml says "
-                f"brake_torque_limit_n_m: {sheet.brake_torque_limit_n_m:g} and brake_front_share: "
-                f"{sheet.brake_front_share:g}, which makes {most:.6g} N·m (within {SAME * most:.3g} N·m)",
-            )
-        if (
-            not np.allclose(brake.gainprm[:3], (0, 0, -1))
-            or np.any(brake.biasprm)
-            or brake.dyntype[0] != NONE
-        ):
-            yield Finding("actuator", BRAKE[i], f'actuator {BRAKE[i]} is not a <damper> with kv="1"')
+        yield from _brake(car, i)
         if i in DRIVEN[sheet.drive]:
             yield from _motor(car, DRIVE[i])
     for name in STEER:
         yield from _servo(car, name)
+    yield from _resistance(car)
+
+
+def _brake(car: Car, wheel: int) -> Iterator[Finding]:
+    name, sheet = BRAKE[wheel], car.sheet
+    brake = car.of("actuator", name)
+    share = sheet.brake_front_share if wheel < len(STEERED) else 1 - sheet.brake_front_share
+    most = sheet.brake_torque_limit_n_m * share / 2
+    ends = np.abs(brake.forcerange) if brake.forcelimited[0] else np.full(2, np.inf)
+    got = float(ends[np.argmax(np.abs(ends - most))])  # of both directions, the one that is further off
+    if not abs(got - most) <= SAME * most:
+        yield Finding(
+            "actuator",
+            name,
+            f"the largest torque of {name} is {got:.6g} N·m; datasheet.yaml says "
+            f"brake_torque_limit_n_m: {sheet.brake_torque_limit_n_m:g} and brake_front_share: "
+            f"{sheet.brake_front_share:g}, which makes {most:.6g} N·m (within {SAME * most:.3g} N·m)",
+        )
+    damps = np.allclose(brake.gainprm[:3], (0, 0, -1)) and not np.any(brake.biasprm)
+    if not damps or brake.dyntype[0] != NONE:
+        yield Finding("actuator", name, f'actuator {name} is not a <damper> with kv="1"')
+    if brake.ctrllimited[0] and not brake.ctrlrange[0] <= 0 <= most <= brake.ctrlrange[1]:
+        yield Finding(
+            "actuator",
+            name,
+            f"the ctrlrange of {name} is {brake.ctrlrange[0]:g} to {brake.ctrlrange[1]:g} N·m·s/rad; "
+            f"expected 0 to {most:.6g} or more, with which it locks a wheel",
+        )
+
+
+def _resistance(car: Car) -> Iterator[Finding]:
     back = car.of("actuator", "resistance")
     site = car.of("site", "centre").id
     if (

@@ -129,6 +129,13 @@ def _suspension(car: Car) -> Iterator[Finding]:
     for wheel, joints in slides.items():
         if not joints:
             yield Finding("body", f"wheel_{wheel}", f"wheel_{wheel} has no suspension, and others have one")
+    for name, joint in ((car.model.joint(j).name, j) for some in slides.values() for j in some):
+        low, high = model.jnt_range[joint]
+        if model.jnt_limited[joint] and not low < model.qpos0[model.jnt_qposadr[joint]] < high:
+            own = name.removeprefix(f"{car.name}/")
+            yield Finding(
+                "joint", own, f"the range of joint {own} is {low:g} to {high:g} m; expected around 0"
+            )
     joints = [joint for some in slides.values() for joint in some]
     at = model.jnt_qposadr[joints]
     stiffness = model.jnt_stiffness[joints]

@@ -208,6 +208,13 @@ PARTS = {
         f'{REAR_HUB}<joint name="x" axis="0 1 0"/>',
         "slide joints along z for a suspension",
     ),
+    "brakes one way": ('forcerange="-1.12 1.12"', 'forcerange="-2 1.12"', "brake_front_left is 2 N·m"),
+    "brakes that cannot lock": (
+        'ctrlrange="0 5600"',
+        'ctrlrange="0 0.5"',
+        "to 1.12 or more, with which it locks",
+    ),
+    "sprung from below": ('range="-0.02 0.02"', 'range="0.01 0.02"', "is 0.01 to 0.02 m; expected around 0"),
     "sprung on three wheels": (
         '<joint name="suspension_rear_left" class="rear"/>',
         "",
