@@ -191,7 +191,7 @@ def _accepted(scenario: Scenario, plant: str) -> list[Acceptance]:
 
 def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
     """The same as JSON, by the model's name."""
-    return {c.model: {"state": c.state, "failed": c.failed, "versions": dict(c.versions)} for c in cars}
+    return {c.model: {"state": c.state, "failed": list(c.failed), "versions": dict(c.versions)} for c in cars}
 
 
 def _ground(scenario: Scenario, plant: str, continuous: bool) -> dict[str, Any]:

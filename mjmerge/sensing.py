@@ -77,7 +77,8 @@ class Sensing:
         else:
             self._truth.push(truth)
             self._u_1.push(u_1)
-        seen = self._truth.ago(self._delay_s) + noise
+        seen = self._truth.ago(self._delay_s)
+        seen = np.where(self._deviation == 0, seen, seen + noise)
         own, others = seen[:, :_OWN], seen[:, _OWN:].reshape(len(seen), 2, 4)
         p_j, v_j = self._followed(others[..., :2], others[..., 2:], lost)
         told = np.where(self._told[:, None], self._u_1.ago(self._told_delay_s), 0.0)
@@ -92,7 +93,8 @@ class Sensing:
         point = np.where(
             behind[..., None] == 0, cars.front_m[:, 1:], cars.front_m[:, 1:] - behind[..., None] * ahead
         )
-        point[..., 0] += self._bias_m[:, None]
+        bias = self._bias_m[:, None]
+        point[..., 0] = np.where(bias == 0, point[..., 0], point[..., 0] + bias)
         own = [cars.front_m[:, 0], cars.velocity_mps[:, 0]]
         own += [a[:, :1] for a in (cars.heading_rad, cars.speed_mps, cars.steer_rad)]
         others = np.concatenate([point, cars.velocity_mps[:, 1:]], axis=-1).reshape(n, _OTHERS)

@@ -92,7 +92,9 @@ def simulate(
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
-    log = Log(scenario, plant, seeds, sheets, mismatch, sink, live, continuous=continuous)
+    log = Log(
+        scenario, plant, seeds, sheets, mismatch, sink, live, continuous=continuous, told_truth=sense.exact
+    )
     opinion = advance
     if continuous:
         from mjmerge.continuous import solve  # scipy takes its time to import
@@ -122,6 +124,8 @@ def simulate(
 
         # record
         row = _row(cars, seen, truth, controls, decision, z, mu, moving.contacts())
+        if not sense.exact:
+            row |= _told(seen, u_1)
         log.write(row, running, lambda: moving.qpos()[0])
         if progress is not None and k % _PROGRESS_TICKS == 0:
             progress(t)
@@ -130,6 +134,18 @@ def simulate(
         z, mu = opinion(law, z, mu, decision.mu_input, h)
         moving.step(controls, running)
     return log.finish()
+
+
+def _told(seen: Cars, u_1: Array) -> dict[str, Array]:
+    """What the ego was told in one tick, as the columns of the trace."""
+    return {
+        "sensed_front_m": seen.front_m,
+        "sensed_velocity_mps": seen.velocity_mps,
+        "sensed_heading_rad": seen.heading_rad[:, 0],
+        "sensed_speed_mps": seen.speed_mps[:, 0],
+        "sensed_steer_rad": seen.steer_rad[:, 0],
+        "sensed_leader_mps2": u_1,
+    }
 
 
 def _row(

@@ -35,8 +35,16 @@ PAIR_NAMES = ("ego_vehicle_1", "ego_vehicle_2", "vehicle_1_vehicle_2")
 class Meaning:
     """Declares an attribute of :class:`Trace` as a column: its symbol, what it is, names along its axes."""
 
+    told = False
+
     def __init__(self, symbol: str, doc: str, *axes: tuple[str, ...]) -> None:
         self.symbol, self.doc, self.axes = symbol, doc, axes
+
+
+class Told(Meaning):
+    """The same of a column that repeats the truth of another where the ego is told the truth."""
+
+    told = True
 
 
 @dataclass(frozen=True)
@@ -48,12 +56,14 @@ class Column:
         axes: names along each axis after (simulation, tick); ``()`` for a scalar.
         symbol: the paper's letter, or a short word.
         doc: what it is.
+        told: whether it is what the ego is told, and repeats others where that is the truth.
     """
 
     name: str
     axes: tuple[tuple[str, ...], ...]
     symbol: str
     doc: str
+    told: bool
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -114,6 +124,12 @@ class Trace:
     sensed_distance_rate_mps: Annotated[
         Array, Meaning("d_j' seen", "its rate as the ego is told", NEIGHBOURS)
     ]
+    sensed_front_m: Annotated[Array, Told("p seen", "front-axle centres as the ego is told them", CARS, XY)]
+    sensed_velocity_mps: Annotated[Array, Told("v seen", "likewise their velocities", CARS, XY)]
+    sensed_heading_rad: Annotated[Array, Told("theta seen", "likewise its own heading")]
+    sensed_speed_mps: Annotated[Array, Told("v_r seen", "likewise its own rear-axle speed")]
+    sensed_steer_rad: Annotated[Array, Told("delta seen", "likewise its own steering angle")]
+    sensed_leader_mps2: Annotated[Array, Told("u_1 seen", "likewise what Vehicle 1 says that it intends", XY)]
     gap_m: Annotated[Array, Meaning("dbar", "gap between the neighbours, |p_2 - p_1| - r")]
     gap_rate_mps: Annotated[Array, Meaning("dbar'", "rate of that gap")]
     clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIR_NAMES)]
@@ -174,12 +190,28 @@ def check_trace(given: object) -> None:
 
 
 COLUMNS: tuple[Column, ...] = tuple(
-    Column(name, meaning.axes, meaning.symbol, meaning.doc)
+    Column(name, meaning.axes, meaning.symbol, meaning.doc, meaning.told)
     for name, hint in get_type_hints(Trace, include_extras=True).items()
     for meaning in getattr(hint, "__metadata__", ())
     if isinstance(meaning, Meaning)
 )
 """Every column of a trace, in the order of its declaration."""
+
+
+def the_truth(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """The columns of what the ego is told where that is the truth: views of others.
+
+    Args:
+        columns: the others by name, (..., shape of the column).
+    """
+    return {
+        "sensed_front_m": columns["front_m"],
+        "sensed_velocity_mps": columns["velocity_mps"],
+        "sensed_heading_rad": columns["heading_rad"][..., 0],
+        "sensed_speed_mps": columns["speed_mps"][..., 0],
+        "sensed_steer_rad": columns["steer_rad"][..., 0],
+        "sensed_leader_mps2": columns["u_mps2"][..., 1, :],
+    }
 
 
 def _least(values: Array) -> Array:
@@ -255,11 +287,18 @@ class Log:
         live: Sink | None = None,
         *,
         continuous: bool = False,
+        told_truth: bool = False,
     ) -> None:
         self._scenario, self._plant, self._seeds = scenario, plant, seeds
         self._sheets, self._mismatch, self._continuous = sheets, mismatch, continuous
         self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
-        self.columns = {c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan) for c in COLUMNS}
+        self.columns = {
+            c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan)
+            for c in COLUMNS
+            if not (c.told and told_truth)
+        }
+        if told_truth:  # nothing is kept twice
+            self.columns |= the_truth(self.columns)
         self._stops: list[Stop] = []
         sinks = ((sink, BLOCK_S), (live, GLIMPSE_S))
         self._feeds = [

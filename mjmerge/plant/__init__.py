@@ -15,7 +15,7 @@ from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.scenario import Scenario
 from mjmerge.world import World
 
-__all__ = ["PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
+__all__ = ["LIMITED", "PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
 
 PLANTS: dict[str, str] = {
     "double_integrator": "front axles are point masses: the paper's proof",
@@ -24,6 +24,8 @@ PLANTS: dict[str, str] = {
     "mujoco": "physical cars with mass, tyres, suspension, servos and limits",
 }
 """What each plant is, by name."""
+LIMITED = ("bicycle_limited", "mujoco")
+"""Those that are told within the limits of their cars."""
 
 
 def check(name: str, scenario: Scenario) -> None:

@@ -101,7 +101,7 @@ def poses(found: Recorded, about: Header, scene: Scene, rows: NDArray[np.intp]) 
     Returns:
         Origins, m, (D, F, 3), and orientations, w x y z, (D, F, 4).
     """
-    tracks = _tracks(found, scene)
+    known_poses = tracks(found, scene)
     standing = _standing(about.model)
     out = np.zeros((len(rows), len(scene.frames), 7))
     front_m, heading_rad = found.columns["front_m"], found.columns["heading_rad"]
@@ -110,7 +110,7 @@ def poses(found: Recorded, about: Header, scene: Scene, rows: NDArray[np.intp]) 
         if car is None:
             out[:, f] = _mark(found, frame, rows)
             continue
-        time_ns, track = tracks.get(frame.name, (np.empty(0, np.int64), np.empty((0, 7))))
+        time_ns, track = known_poses.get(frame.name, (np.empty(0, np.int64), np.empty((0, 7))))
         known = np.isin(time_ns, found.time_ns)
         time_ns, track = time_ns[known], track[known]
         latest = np.searchsorted(time_ns, found.time_ns[rows], side="right") - 1
@@ -135,20 +135,18 @@ def _car(frame: Frame) -> int | None:
 
 
 def _mark(found: Recorded, frame: Frame, rows: NDArray[np.intp]) -> Array:
-    """Poses of front axle, target and camera, (D, 7): they follow from the columns."""
+    """Poses of front axle, target and camera, (D, 7): they follow from the columns, and do not turn."""
     out = np.zeros((len(rows), 7))
     out[:, 3] = 1.0
     kind, _, name = frame.name.partition("/")
     if kind == "axles":
-        car = CARS.index(name)
-        out[:, :2] = found.columns["front_m"][rows, car]
-        half = found.columns["heading_rad"][rows, car] / 2
-        out[:, 3], out[:, 6] = np.cos(half), np.sin(half)
+        out[:, :2] = found.columns["front_m"][rows, CARS.index(name)]
     elif kind == "law":
         out[:, :2] = found.columns["target_m"][rows]
     else:
         out[:, 0] = found.columns["front_m"][rows, 0, 0]
-    return out
+    rounded: Array = out.astype(np.float32).astype(float)
+    return rounded
 
 
 def _standing(model: mujoco.MjModel) -> dict[str, Array]:
@@ -178,18 +176,18 @@ def _carried(pose: Array, before: tuple[Array, Array], now: tuple[Array, Array])
     return out
 
 
-def _tracks(found: Recorded, scene: Scene) -> Tracks:
-    """The poses that are in the file."""
+def tracks(found: Recorded, scene: Scene) -> Tracks:
+    """The poses that are in the file, by frame."""
     there = _mcap_tracks(found) if found.kind == "mcap" else _rrd_tracks(found, scene)
     parts: dict[str, list[tuple[Ticks, Array]]] = defaultdict(list)
     for name, time_ns, values in there:
         parts[name].append((time_ns, values))
-    tracks = {}
+    whole = {}
     for name, some in parts.items():
         time_ns = np.concatenate([t for t, _ in some])
         order = np.argsort(time_ns, kind="stable")
-        tracks[name] = time_ns[order], np.concatenate([v for _, v in some])[order]
-    return tracks
+        whole[name] = time_ns[order], np.concatenate([v for _, v in some])[order]
+    return whole
 
 
 def _mcap_tracks(found: Recorded) -> Iterator[tuple[str, Ticks, Array]]:

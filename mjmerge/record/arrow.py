@@ -99,7 +99,7 @@ def numbers(values: pa.Array, message: str) -> Array:
 
 def _type(message: str) -> pa.DataType:
     fields = schema.MESSAGES[message]
-    return pa.struct([(f.name, _type(f.type_name) if f.parts else pa.float64()) for f in fields])
+    return pa.struct([(f.name, _type(f.type_name) if f.axes else pa.float64()) for f in fields])
 
 
 @cache

@@ -20,6 +20,7 @@ from mjmerge.record.digest import Digest
 from mjmerge.record.manifest import canonical, manifest
 from mjmerge.record.scene import Scene
 from mjmerge.scenario import Scenario
+from mjmerge.sensing import exact
 from mjmerge.trace import Array, Block
 
 if TYPE_CHECKING:
@@ -61,6 +62,11 @@ class Header:
     sheets: tuple[DataSheet, ...]
     continuous: bool = False
     acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def told(self) -> bool:
+        """Whether what the ego was told is not the truth, and recorded."""
+        return not (self.continuous or exact(self.scenario.mismatch))
 
     @property
     def texts(self) -> dict[str, str]:

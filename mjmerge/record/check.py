@@ -66,7 +66,7 @@ def compared(
         with np.errstate(all="ignore"):
             same = (there == value) | (np.isnan(there) & np.isnan(value))
             off = np.where(same, 0.0, np.abs(there - value))
-            bad = ~(off <= bound + relative * np.abs(value))
+            bad = ~(same | (off <= bound + relative * np.abs(value)))
         most = max(most, float(np.nanmax(np.where(bad, 0.0, off), initial=0.0)))
         if bad.any():
             rows = np.flatnonzero(bad.reshape(len(bad), -1).any(axis=1))

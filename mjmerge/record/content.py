@@ -52,6 +52,7 @@ class Manifest(Frozen):
     seed: Annotated[int, Field(ge=-(2**63), lt=2**63)]
     control_step_s: Annotated[float, Field(ge=1e-6, le=1)]
     continuous: bool
+    sensing: Literal["recorded", "exact"] = "exact"
     versions: dict[str, str]
     acceptance: dict[str, dict[str, Any]]
     conventions: dict[str, str]

@@ -1,18 +1,30 @@
-"""Numbers that follow from other numbers of the same recording, computed again."""
+"""Numbers that follow from other numbers of the same recording, computed again.
+
+The law, the drivers and the actuation are the run's own functions, asked again with what the recording says
+that they saw. What moves the cars is asked again, too, where it is an equation; of physical cars, positions,
+velocities, headings and steering angles must be each other's, to bounds from the physics.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from mjmerge.actuation import BelievedCars, actuate, believed_sheets
+from mjmerge.drivers import Traffic
 from mjmerge.law import Sensed, advance, decide
+from mjmerge.plant import LIMITED
 from mjmerge.record.check import Check, checked, compared
+from mjmerge.record.found import Ticks
+from mjmerge.record.motion import motion
 from mjmerge.record.read import Recorded
-from mjmerge.sensing import exact
-from mjmerge.state import dot, norm
-from mjmerge.trace import Array, Trace
+from mjmerge.scenario import CARS
+from mjmerge.sensing import Sensing
+from mjmerge.state import Cars, dot, norm
+from mjmerge.trace import Array, Trace, the_truth
 
 _DISTANCE_M = 1e-12
 """Distances follow from positions to the last bit on any processor; this much is allowed, or this part."""
@@ -21,10 +33,42 @@ _RELATIVE = 1e-9
 
 
 def derived(found: Recorded, trace: Trace) -> Iterator[Check]:
-    """Every check of a number against others."""
-    yield _distances(found, trace)
-    yield _law(found, trace)
-    yield _opinion(found, trace)
+    """Every check of a number against others.
+
+    Args:
+        found: the file as read.
+        trace: the run in it.
+    """
+    cars = cars_of(found, trace)
+    with np.errstate(all="ignore"):
+        yield _start(found, trace)
+        yield _distances(found, trace)
+        yield _sensing(found, trace, cars)
+        yield _commands(found, trace, cars)
+        yield _opinion(found, trace)
+        yield from motion(found, trace, cars)
+
+
+def cars_of(found: Recorded, trace: Trace) -> Cars:
+    """The recorded motion, tick by tick in place of simulation by simulation, (T, C)."""
+    c = found.columns
+    commanded = c["steer_rad"]
+    if trace.plant in LIMITED:
+        commanded = np.concatenate([np.zeros((1, len(CARS))), c["steer_command_rad"][:-1]])
+    return Cars(
+        front_m=c["front_m"],
+        velocity_mps=c["velocity_mps"],
+        heading_rad=c["heading_rad"],
+        speed_mps=c["speed_mps"],
+        steer_rad=c["steer_rad"],
+        steer_command_rad=commanded,
+        clearance_m=c["clearance_m"],
+    )
+
+
+def at(cars: Cars, row: int) -> Cars:
+    """One tick as one simulation, (1, C)."""
+    return Cars(**{name: values[row : row + 1] for name, values in vars(cars).items()})
 
 
 def geometry(front_m: Array, velocity_mps: Array, r_m: float) -> dict[str, Any]:
@@ -46,6 +90,35 @@ def geometry(front_m: Array, velocity_mps: Array, r_m: float) -> dict[str, Any]:
     return {"distance_m": distance, "distance_rate_mps": rate, "gap_m": gap, "gap_rate_mps": gap_rate}
 
 
+def _start(found: Recorded, trace: Trace) -> Check:
+    """The first tick is the scenario's beginning."""
+    if found.ticks[0] != 0:
+        return Check("start", False, f"it begins at {found.ticks[0] * found.step_s:.2f} s")
+    initial, c = trace.scenario.initial, found.columns
+    starts = [getattr(initial, car) for car in CARS]
+    speed = np.array([start.speed_mps for start in starts])
+    none = np.zeros(len(CARS))
+    expected = {
+        "front_m": np.array([start.front_m for start in starts]),
+        "velocity_mps": np.stack([speed, none], axis=-1),
+        "heading_rad": none,
+        "speed_mps": speed,
+        "steer_rad": none,
+        "opinion": np.array(initial.z),
+        "mu": np.array(initial.mu),
+    }
+    if trace.plant == "double_integrator":  # a point turns with its velocity, and has no wheels
+        expected |= {
+            "heading_rad": np.arctan2(none, speed),
+            "speed_mps": np.abs(speed),
+            "steer_rad": np.full(len(CARS), np.nan),
+        }
+    first = {name: value[None] for name, value in expected.items()}
+    here = {name: c[name][:1] for name in expected}
+    wrong, _ = compared(here, first, np.zeros(1), _RELATIVE, 1e-6)
+    return checked("start", wrong, "positions, speeds, z and mu as the scenario begins")
+
+
 def _distances(found: Recorded, trace: Trace) -> Check:
     """d_j, d_j' and the gap follow from the positions and velocities."""
     c = found.columns
@@ -54,26 +127,78 @@ def _distances(found: Recorded, trace: Trace) -> Check:
     return _check("distances", says, found, expected, _DISTANCE_M, _DISTANCE_M)
 
 
-def _law(found: Recorded, trace: Trace) -> Check:
-    """The law says what the ego was told, from what it saw and its opinion."""
-    if not exact(trace.scenario.mismatch):
-        return Check(
-            "law", None, "not checked: the ego was not told the truth, and what it was told is not here"
-        )
-    c = found.columns
-    p, v, u = c["front_m"], c["velocity_mps"], c["u_mps2"]
-    sensed = Sensed(p=p[:, 0], v=v[:, 0], p_j=p[:, 1:], v_j=v[:, 1:], u_1=u[:, 1])
-    with np.errstate(all="ignore"):
-        told = decide(trace.scenario.law, sensed, c["opinion"])
+def _sensing(found: Recorded, trace: Trace, cars: Cars) -> Check:
+    """What the ego was told follows from the truth, the scenario's mismatch and the seed."""
+    if found.manifest["sensing"] == "exact":
+        sense = Sensing((trace.scenario.mismatch,), [0], found.step_s)
+        if not (trace.continuous or sense.exact):
+            return Check("sensing", False, "the manifest says exact, and the scenario does not")
+        return Check("sensing", True, "the ego was told the truth")
+    sense = Sensing((trace.scenario.mismatch,), [int(trace.seeds[0])], found.step_s)
+    rows = []
+    for k in range(len(found.ticks)):
+        seen, u_1 = sense(at(cars, k), found.columns["u_mps2"][k : k + 1, 1])
+        told = {"front_m": seen.front_m, "velocity_mps": seen.velocity_mps, "heading_rad": seen.heading_rad}
+        told |= {"speed_mps": seen.speed_mps, "steer_rad": seen.steer_rad}
+        u = np.zeros((1, len(CARS), 2))
+        u[:, 1] = u_1
+        rows.append(the_truth(told | {"u_mps2": u}))
+    expected = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    says = "what the ego was told, from the truth, the mismatch and the seed"
+    return _check("sensing", says, found, expected, _RELATIVE, _RELATIVE)
+
+
+def _commands(found: Recorded, trace: Trace, cars: Cars) -> Check:
+    """Drivers, law, inverse and limits say what the cars are told, from what they saw and the opinion."""
+    c, law = found.columns, trace.scenario.law
+    u_j = _intended(found, trace, cars)
+    told = decide(
+        law,
+        Sensed(
+            p=c["sensed_front_m"][:, 0],
+            v=c["sensed_velocity_mps"][:, 0],
+            p_j=c["sensed_front_m"][:, 1:],
+            v_j=c["sensed_velocity_mps"][:, 1:],
+            u_1=c["sensed_leader_mps2"],
+        ),
+        c["opinion"],
+    )
+    heading, speed, steer = c["heading_rad"].copy(), c["speed_mps"].copy(), c["steer_rad"].copy()
+    heading[:, 0], speed[:, 0] = c["sensed_heading_rad"], c["sensed_speed_mps"]
+    steer[:, 0] = c["sensed_steer_rad"]
+    seen = replace(cars, heading_rad=heading, speed_mps=speed, steer_rad=steer)
+    believed = BelievedCars.of(believed_sheets(trace.scenario), limited=trace.plant in LIMITED)
+    u = np.concatenate([told.u[:, None], u_j], axis=1)
+    controls = actuate(seen, u, believed, law.eps_v_mps, found.step_s)
     expected = {
         "weight": told.w,
         "mu_input_per_s": told.mu_input,
-        "target_m": p[:, 1] + told.e_1_star,
+        "sensed_distance_m": told.geometry.d,
+        "target_m": c["sensed_front_m"][:, 1] + told.e_1_star,
         "u_n_mps2": told.u_n,
         "u_c_mps2": told.u_c,
+        "u_mps2": u,
+        "a_mps2": controls.a_mps2,
+        "omega_radps": controls.omega_radps,
+        "steer_command_rad": controls.steer_rad,
+        "torque_n_m": controls.torque_n_m,
+        "torque_clipped_n_m": controls.torque_clipped_n_m,
+        "steer_clipped_rad": controls.steer_clipped_rad,
     }
-    says = "target, u_n, u_c, w and the input of mu, from motion and opinion"
+    says = "drivers, target, u_n, u_c, u, a, omega, steering and torques, from what was seen and the opinion"
     return _check("law", says, found, expected, _RELATIVE, _RELATIVE)
+
+
+def _intended(found: Recorded, trace: Trace, cars: Cars) -> Array:
+    """What the neighbours' drivers intend, (T, 2, 2)."""
+    scenario = trace.scenario
+    drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
+    lanes_m = np.array([[getattr(scenario.initial, car).front_m[1] for car in CARS[1:]]])
+    traffic = Traffic.of(drivers, [int(trace.seeds[0])], scenario.duration_s, lanes_m)
+    times: Ticks = found.ticks
+    return np.concatenate(
+        [traffic.intend(at(cars, k), float(tick * found.step_s)) for k, tick in enumerate(times)]
+    )
 
 
 def _opinion(found: Recorded, trace: Trace) -> Check:
@@ -82,8 +207,7 @@ def _opinion(found: Recorded, trace: Trace) -> Check:
         return Check("opinion", None, "not checked: in continuous time it has no steps")
     c, law, step_s = found.columns, trace.scenario.law, trace.scenario.control_step_s
     before = np.flatnonzero(np.diff(found.ticks) == 1)
-    with np.errstate(all="ignore"):
-        z, mu = advance(law, c["opinion"][before], c["mu"][before], c["mu_input_per_s"][before], step_s)
+    z, mu = advance(law, c["opinion"][before], c["mu"][before], c["mu_input_per_s"][before], step_s)
     expected = {"opinion": z, "mu": mu}
     return _check(
         "opinion", "z and mu, each from the tick before", found, expected, _RELATIVE, 1e-12, before + 1

@@ -37,3 +37,21 @@ class Found:
     said: list[Said] = field(default_factory=list)
     states: list[Said] = field(default_factory=list)
     series: dict[str, tuple[Ticks, Ticks, Array]] = field(default_factory=dict)
+
+    def complete(self) -> None:
+        """Leaves no series where one is missing that every tick needs, or is there that the run has not."""
+        from mjmerge.record import schema
+
+        wanted = schema.kinds(told=self.manifest.get("sensing") == "recorded")
+        if not self.series or self.series.keys() == wanted.keys():
+            return
+        lacks = ", ".join(sorted(wanted.keys() - self.series.keys()))
+        odd = ", ".join(sorted(self.series.keys() - wanted.keys()))
+        if odd:
+            self.flaws.append(f"{odd} in it, and the ego was told the truth")
+        if lacks and self.finished:
+            self.flaws.append(f"nothing in it of {lacks}")
+        if lacks:  # without it when it was cut off within the first tick, or block
+            self.series.clear()
+        for topic in self.series.keys() - wanted.keys():
+            del self.series[topic]

@@ -20,7 +20,6 @@ from mjmerge.record.content import ContentError
 from mjmerge.record.found import NS_PER_S, Found
 from mjmerge.record.manifest import SCHEMA_VERSION
 from mjmerge.record.mcap_file import McapFile, Message
-from mjmerge.scenario import CARS
 
 if TYPE_CHECKING:
     from mjmerge.record.schema import Field
@@ -66,8 +65,8 @@ class _Channels:
         self._schemas: dict[int, Schema] = {}
         self._topics: dict[int, str] = {}
         self._decoders: dict[int, Decode] = {}
-        self._kinds = _DRAWN | {schema.LAW_TOPIC: f"{schema.PACKAGE}.{schema.LAW_MESSAGE}"}
-        self._kinds |= {schema.car_topic(car): f"{schema.PACKAGE}.{schema.CAR_MESSAGE}" for car in CARS}
+        ours = {topic: f"{schema.PACKAGE}.{message}" for topic, message in schema.kinds().items()}
+        self._kinds = _DRAWN | ours
 
     def add(self, record: Schema | Channel) -> None:
         """Takes note of a schema or a channel; what it cannot be is a flaw, and its messages are left."""
@@ -118,8 +117,7 @@ def gather_mcap(path: Path) -> Found:
     """
     from mjmerge.record import schema
 
-    kinds = {schema.LAW_TOPIC: schema.LAW_MESSAGE}
-    kinds |= {schema.car_topic(car): schema.CAR_MESSAGE for car in CARS}
+    kinds = schema.kinds()
     found, file = Found(), McapFile(path)
     channels = _Channels(found)
     rows: dict[str, tuple[list[int], list[Message]]] = defaultdict(lambda: ([], []))
@@ -217,11 +215,7 @@ def _number(
         time_ns = np.array(times, np.int64)
         ticks = np.rint(time_ns / step_ns).astype(np.int64)
         found.series[topic] = ticks, time_ns, values
-    lacks = [topic for topic in kinds if topic not in found.series]
-    if found.series and lacks:
-        if found.finished:
-            found.flaws.append(f"nothing in it of {', '.join(lacks)}")
-        found.series.clear()  # cut off within the first tick, or without what every tick needs
+    found.complete()
 
 
 def _leaves(fields: tuple[Field, ...]) -> list[str]:

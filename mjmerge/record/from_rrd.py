@@ -23,7 +23,6 @@ from mjmerge.record.found import NS_PER_S, Found, Ticks
 from mjmerge.record.manifest import SCHEMA_VERSION
 from mjmerge.record.mcap_file import TooLargeError
 from mjmerge.record.rrd_file import whole_frames
-from mjmerge.scenario import CARS
 from mjmerge.trace import Array
 
 if TYPE_CHECKING:
@@ -101,8 +100,7 @@ def gather_rrd(path: Path) -> Found:
     """
     from mjmerge.record import arrow, layout, schema
 
-    messages = {schema.LAW_TOPIC: schema.LAW_MESSAGE}
-    messages |= {schema.car_topic(car): schema.CAR_MESSAGE for car in CARS}
+    messages = schema.kinds()
     subjects = {layout.phase_entity(subject): subject for subject in NAMES}
     texts = {"/run/scenario": "scenario.yaml", "/run/world": "world.xml"}
     found = Found()
@@ -146,18 +144,13 @@ def gather_rrd(path: Path) -> Found:
             found.flaws.append(f"{entity} holds something else than a recording has there")
     if "manifest.json" in found.texts:
         found.manifest = content.manifest_of(found.texts["manifest.json"])
-    _number(found, parts, set(messages))
+    _number(found, parts)
     return found
 
 
-def _number(found: Found, parts: dict[str, list[tuple[Ticks, Array]]], wanted: set[str]) -> None:
+def _number(found: Found, parts: dict[str, list[tuple[Ticks, Array]]]) -> None:
     """Puts the parts of each series together."""
     if found.schema_version != SCHEMA_VERSION:
-        return
-    lacks = sorted(wanted - parts.keys())
-    if lacks:  # cut off within the first block, or without what every tick needs
-        if found.finished and parts:
-            found.flaws.append(f"nothing in it of {', '.join(lacks)}")
         return
     step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
     for entity, some in parts.items():
@@ -166,6 +159,7 @@ def _number(found: Found, parts: dict[str, list[tuple[Ticks, Array]]], wanted: s
         order = np.argsort(time_ns, kind="stable")  # chunks come in any order
         ticks = np.rint(time_ns / step_ns).astype(np.int64)
         found.series[entity] = ticks[order], time_ns[order], numbers[order]
+    found.complete()
 
 
 def _one(batch: pa.RecordBatch, name: str) -> Any:

@@ -74,6 +74,7 @@ def manifest(header: Header) -> dict[str, Any]:
         "seed": header.seed,
         "control_step_s": header.control_step_s,
         "continuous": header.continuous,
+        "sensing": "recorded" if header.told else "exact",
         "versions": dict(header.versions),
         "acceptance": dict(header.acceptance),
         "sheets": {car: sheet.model_dump() for car, sheet in zip(CARS, header.sheets, strict=True)},

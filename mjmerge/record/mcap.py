@@ -1,8 +1,9 @@
 """``run.mcap``: the archive. Foxglove's messages for what it can draw, ours for what we measured.
 
-Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/tf``, ``/scene`` (at t = 0, and where a disc
-changes its colour), ``/log``, and ``/phases`` (Log: ``name`` is in the state ``message`` from here on). All
-times are simulated, so that equal runs give equal bytes. A block is one chunk and is on disk once written.
+Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/told`` (ToldState, where the ego was not told the
+truth), ``/tf``, ``/scene`` (at t = 0, and where a disc changes its colour), ``/log``, and ``/phases`` (Log:
+``name`` is in the state ``message`` from here on). All times are simulated, so that equal runs give equal
+bytes. A block is one chunk and is on disk once written.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ from mjmerge.record.base import Header, Outcome, PosedBlock, nanoseconds
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
 from mjmerge.record.scene import DISC_RGBA, Frame, Scene, Shape, closeness
 from mjmerge.record.wire import Layout
-from mjmerge.scenario import CARS
 from mjmerge.trace import Array
 
 WORLD = "world"
@@ -42,9 +42,8 @@ class McapRecorder:
         self._layouts = {"/tf": _transforms_layout(scene)}
         self._channels = {"/tf": self._channel("/tf", fox.FrameTransforms.get_schema())}
         descriptors = schema.descriptor_set()
-        topics = {schema.LAW_TOPIC: schema.LAW_MESSAGE}
-        topics |= {schema.car_topic(car): schema.CAR_MESSAGE for car in CARS}
-        for topic, message in topics.items():
+        self._kinds = schema.kinds(told=header.told)
+        for topic, message in self._kinds.items():
             self._layouts[topic] = schema.layout(message)
             name = f"{schema.PACKAGE}.{message}"
             described = foxglove.Schema(name=name, encoding="protobuf", data=descriptors)
@@ -69,9 +68,8 @@ class McapRecorder:
         self._discs(posed)
         poses = np.concatenate([posed.pos_m, np.roll(posed.quat, -1, axis=-1)], axis=-1)  # x y z w
         self._send("/tf", poses.reshape(len(poses), 7 * poses.shape[1]), posed.time_ns[posed.drawn])
-        self._send(schema.LAW_TOPIC, schema.law_rows(posed.block), posed.time_ns)
-        for car in CARS:
-            self._send(schema.car_topic(car), schema.car_rows(posed.block, car), posed.time_ns)
+        for topic in self._kinds:
+            self._send(topic, schema.rows(posed.block, topic), posed.time_ns)
         self._writer.flush()
 
     def _send(self, topic: str, rows: Array, time_ns: NDArray[np.int64]) -> None:

@@ -29,7 +29,7 @@ from mjmerge.record.from_rrd import gather_rrd, survives
 from mjmerge.record.manifest import canonical
 from mjmerge.record.mcap_file import TooLargeError
 from mjmerge.scenario import CARS, Scenario
-from mjmerge.trace import COLUMNS, Array, Stop, Trace
+from mjmerge.trace import COLUMNS, Array, Stop, Trace, the_truth
 
 _MCAP_MAGIC, _RRD_MAGIC = b"\x89MCAP0\r\n", b"RRF2"
 MOST_TICKS = 400_000
@@ -276,10 +276,14 @@ def _split(series: Mapping[str, Array]) -> dict[str, Array]:
     law = series[schema.LAW_TOPIC]
     cars = np.stack([series[schema.car_topic(car)] for car in CARS], axis=1)
     columns = {"time_s": law[:, 0]}
-    for values, declared, leading in ((law, schema.LAW_COLUMNS, 0), (cars, schema.CAR_COLUMNS, 1)):
+    parts = [(law, schema.LAW_COLUMNS, 0), (cars, schema.CAR_COLUMNS, 1)]
+    told = series.get(schema.TOLD_TOPIC)
+    if told is not None:
+        parts.append((told, schema.TOLD_COLUMNS, 0))
+    for values, declared, leading in parts:
         at = 1
         for c in declared:
             size = int(np.prod(c.shape[leading:]))
             columns[c.name] = values[..., at : at + size].reshape(len(values), *c.shape)
             at += size
-    return columns
+    return columns if told is not None else columns | the_truth(columns)

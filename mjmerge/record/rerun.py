@@ -192,7 +192,7 @@ class Teller:
 
     def numbers(self, posed: PosedBlock) -> None:
         """Adds every column at consecutive ticks."""
-        send_numbers(self._stream, posed)
+        send_numbers(self._stream, posed, told=self._header.told)
 
     def draw(self, posed: PosedBlock) -> None:
         """Adds what is drawn of consecutive ticks, and what plots are read against."""

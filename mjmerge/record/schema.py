@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
@@ -19,12 +20,20 @@ from mjmerge.scenario import CARS
 from mjmerge.trace import COLUMNS, NEIGHBOURS, PAIR_NAMES, WHEELS, XY, Array, Block, Column
 
 PACKAGE = f"mjmerge.v{SCHEMA_VERSION}"
-LAW_MESSAGE, CAR_MESSAGE = "LawState", "CarState"
-LAW_TOPIC = "/law"
+LAW_MESSAGE, CAR_MESSAGE, TOLD_MESSAGE = "LawState", "CarState", "ToldState"
+LAW_TOPIC, TOLD_TOPIC = "/law", "/told"
 
-LAW_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] != (CARS,))
-CAR_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] == (CARS,))
-_GROUPS = {NEIGHBOURS: "Neighbours", PAIR_NAMES: "Pairs", WHEELS: "Wheels", XY: "Vector2"}
+LAW_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] != (CARS,) and not c.told)
+CAR_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] == (CARS,) and not c.told)
+TOLD_COLUMNS = tuple(c for c in COLUMNS if c.told)
+"""Of what the ego was told, where that was not the truth."""
+_GROUPS: dict[tuple[tuple[str, ...], ...], str] = {
+    (NEIGHBOURS,): "Neighbours",
+    (PAIR_NAMES,): "Pairs",
+    (WHEELS,): "Wheels",
+    (XY,): "Vector2",
+    (CARS, XY): "CarVectors",
+}
 
 
 @dataclass(frozen=True)
@@ -34,17 +43,28 @@ class Field:
     Attributes:
         name: of the field.
         doc: what it is.
-        parts: names of its components; empty for a double.
+        axes: names of its components, axis by axis; none for a double.
     """
 
     name: str
     doc: str
-    parts: tuple[str, ...] = ()
+    axes: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of all its doubles: ``x``, or ``ego.x``; empty for a double."""
+        return tuple(".".join(names) for names in product(*self.axes)) if self.axes else ()
 
     @property
     def type_name(self) -> str:
         """As the .proto says it."""
-        return _GROUPS[self.parts] if self.parts else "double"
+        return _GROUPS[self.axes] if self.axes else "double"
+
+
+def kinds(*, told: bool = True) -> dict[str, str]:
+    """The topics that carry our messages, and which; ``told`` for a run whose ego is not told the truth."""
+    found = {LAW_TOPIC: LAW_MESSAGE} | {car_topic(car): CAR_MESSAGE for car in CARS}
+    return found | {TOLD_TOPIC: TOLD_MESSAGE} if told else found
 
 
 def car_topic(car: str) -> str:
@@ -55,17 +75,14 @@ def car_topic(car: str) -> str:
 def _fields(columns: Sequence[Column], leading: int) -> tuple[Field, ...]:
     """Fields of a message; ``leading`` axes of the columns are spread over messages."""
     fields = [Field("time_s", "simulated time, s, exactly as simulated")]
-    for c in columns:
-        rest = c.axes[leading:]
-        assert len(rest) <= 1, f"{c.name}: the messages have no place for two axes"
-        fields.append(Field(c.name, f"{c.symbol}: {c.doc}", *rest))
-    return tuple(fields)
+    return (*fields, *(Field(c.name, f"{c.symbol}: {c.doc}", c.axes[leading:]) for c in columns))
 
 
 MESSAGES: dict[str, tuple[Field, ...]] = {
-    **{name: tuple(Field(part, "") for part in parts) for parts, name in _GROUPS.items()},
+    **{name: tuple(Field(part, "", axes[1:]) for part in axes[0]) for axes, name in _GROUPS.items()},
     LAW_MESSAGE: _fields(LAW_COLUMNS, 0),
     CAR_MESSAGE: _fields(CAR_COLUMNS, 1),
+    TOLD_MESSAGE: _fields(TOLD_COLUMNS, 0),
 }
 
 
@@ -73,24 +90,22 @@ def layout(message: str) -> Layout:
     """How a message lies on the wire; its doubles are in the order of its fields."""
     out = Layout()
     for number, field in enumerate(MESSAGES[message], start=1):
-        if field.parts:
+        if field.axes:
             out.message(number, layout(field.type_name))
         else:
             out.double(number)
     return out
 
 
-def law_rows(block: Block) -> Array:
-    """What goes into each ``LawState`` of a block, in the order of the layout, (B, doubles)."""
+def rows(block: Block, topic: str) -> Array:
+    """What goes into each message of a topic of a block, in the order of its layout, (B, doubles)."""
     count = len(block.ticks)
-    parts = (block.columns[c.name].reshape(count, -1) for c in LAW_COLUMNS)
-    return np.hstack([block.time_s[:, None], *parts])
-
-
-def car_rows(block: Block, car: str) -> Array:
-    """What goes into each ``CarState`` of a car, in the order of the layout, (B, doubles)."""
-    count, index = len(block.ticks), CARS.index(car)
-    parts = (block.columns[c.name][:, index].reshape(count, -1) for c in CAR_COLUMNS)
+    car = next((index for index, name in enumerate(CARS) if topic == car_topic(name)), None)
+    if car is None:
+        columns = LAW_COLUMNS if topic == LAW_TOPIC else TOLD_COLUMNS
+        parts = [block.columns[c.name].reshape(count, -1) for c in columns]
+    else:
+        parts = [block.columns[c.name][:, car].reshape(count, -1) for c in CAR_COLUMNS]
     return np.hstack([block.time_s[:, None], *parts])
 
 
@@ -102,7 +117,7 @@ def descriptor_set() -> bytes:
         for number, field in enumerate(fields, start=1):
             entry = message.field.add(name=field.name, number=number)
             entry.label = FieldDescriptorProto.LABEL_OPTIONAL
-            if field.parts:
+            if field.axes:
                 entry.type = FieldDescriptorProto.TYPE_MESSAGE
                 entry.type_name = f".{PACKAGE}.{field.type_name}"
             else:
@@ -116,6 +131,7 @@ def proto_text() -> str:
     lines = [
         "// What mjmerge records besides Foxglove's own messages. Generated from mjmerge.trace.COLUMNS.",
         f"// {LAW_TOPIC} carries {LAW_MESSAGE}, {car_topic('<car>')} carries {CAR_MESSAGE}; SI, road frame.",
+        f"// {TOLD_TOPIC} carries {TOLD_MESSAGE}, where the ego was not told the truth.",
         "",
         'syntax = "proto3";',
         "",

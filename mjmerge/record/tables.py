@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mjmerge.record import schema
 from mjmerge.record.scene import DRAWN_EVERY_S
-from mjmerge.record.schema import CAR_COLUMNS, LAW_COLUMNS, Field
+from mjmerge.record.schema import CAR_COLUMNS, LAW_COLUMNS, TOLD_COLUMNS, Field
 from mjmerge.trace import XY, Column
 
 _UNITS = {
@@ -31,10 +31,12 @@ def fields() -> str:
     for topic, message, columns in (
         (schema.LAW_TOPIC, schema.LAW_MESSAGE, LAW_COLUMNS),
         (schema.car_topic("<car>"), schema.CAR_MESSAGE, CAR_COLUMNS),
+        (schema.TOLD_TOPIC, schema.TOLD_MESSAGE, TOLD_COLUMNS),
     ):
         by_name = {c.name: c for c in columns}
         tables += [
-            f"`{topic}` holds `{schema.PACKAGE}.{message}`, once per tick:",
+            f"`{topic}` holds `{schema.PACKAGE}.{message}`, once per tick"
+            + (", where the ego was not told the truth:" if topic == schema.TOLD_TOPIC else ":"),
             "",
             "| field | unit | frame | symbol | what it is |",
             "|---|---|---|---|---|",
@@ -45,8 +47,8 @@ def fields() -> str:
 
 
 def _row(field: Field, column: Column | None) -> str:
-    parts = "" if not field.parts else ".{" + ", ".join(field.parts) + "}"
-    frame = "road" if field.parts == XY else "-"
+    parts = "".join(".{" + ", ".join(names) + "}" for names in field.axes)
+    frame = "road" if XY in field.axes else "-"
     symbol, what = (column.symbol, column.doc) if column else ("t", field.doc)
     cells = (f"`{field.name}{parts}`", unit(field.name), frame, symbol, what)
     return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"
@@ -56,7 +58,12 @@ def topics() -> str:
     """Everything else, topic by topic, with the rates."""
     drawn = f"{1 / DRAWN_EVERY_S:g} Hz"
     rows = [
-        ("`/law`, `/car/<car>`", "`/law`, `/car/<car>`", "every tick", "the numbers, float64, bit for bit"),
+        (
+            "`/law`, `/car/<car>`, `/told`",
+            "`/law`, `/car/<car>`, `/told`",
+            "every tick",
+            "the numbers, float64, bit for bit",
+        ),
         ("`/tf`", "`/world/<car>/<body>`, ...", drawn, "poses of all that is drawn, in the world, float32"),
         (
             "`/scene`",

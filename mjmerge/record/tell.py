@@ -35,14 +35,19 @@ _ARROW = Template(rr.Arrows3D.columns(vectors=_POINT))
 _CYLINDER_COLOR = Template(rr.Cylinders3D.columns(colors=[0]))
 
 
-def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, root: str = "") -> None:
-    """Sends every column at consecutive ticks; ``root`` is where the topics go."""
+def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, *, told: bool, root: str = "") -> None:
+    """Sends every column at consecutive ticks.
+
+    Args:
+        stream: where to.
+        posed: the ticks.
+        told: whether what the ego was told is not the truth, and sent, too.
+        root: where the topics go.
+    """
     times = times_of(posed.time_ns)
-    law: Any = arrow.structs(schema.LAW_MESSAGE, schema.law_rows(posed.block))
-    stream.send_columns(root + schema.LAW_TOPIC, times, law)
-    for car in CARS:
-        state: Any = arrow.structs(schema.CAR_MESSAGE, schema.car_rows(posed.block, car))
-        stream.send_columns(root + schema.car_topic(car), times, state)
+    for topic, message in schema.kinds(told=told).items():
+        numbers: Any = arrow.structs(message, schema.rows(posed.block, topic))
+        stream.send_columns(root + topic, times, numbers)
 
 
 def send_levels(

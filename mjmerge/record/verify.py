@@ -19,6 +19,7 @@ from mjmerge.record.check import Check, checked, some
 from mjmerge.record.claims import claims
 from mjmerge.record.derived import derived, geometry
 from mjmerge.record.digest import digests
+from mjmerge.record.drawn import drawn
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, versions
 from mjmerge.record.read import Recorded, read
 from mjmerge.trace import COLUMNS, Trace
@@ -100,6 +101,7 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     yield _length(found, trace)
     yield _fingerprints(found)
     yield from derived(found, trace)
+    yield from drawn(found, trace)
     again = replace(trace, **geometry(trace.front_m, trace.velocity_mps, trace.scenario.law.r_m))
     (verdict,) = judge(again)
     yield verdict

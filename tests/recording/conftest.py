@@ -11,7 +11,7 @@ import pytest
 from mjmerge.loader import car_sheets
 from mjmerge.record import Header, versions
 from mjmerge.scenario import CARS, Scenario
-from mjmerge.trace import COLUMNS, Block
+from mjmerge.trace import COLUMNS, Block, the_truth
 
 _CAR = """
 <body name="{car}/" pos="0 {y} 0.05">
@@ -90,6 +90,7 @@ def make_blocks(header: Header) -> MakeBlocks:
             columns[c.name] = values
         for name in ("front_m", "heading_rad", "target_m"):  # these are drawn
             columns[name] = rng.normal(size=columns[name].shape)
+        columns |= the_truth(columns)
         qpos = header.model.qpos0 + 0.1 * rng.normal(size=(count, header.model.nq))
         time_s = np.arange(count) * header.control_step_s
         ends = np.cumsum(sizes)

@@ -56,7 +56,7 @@ def test_messages_as_arrow_come_back_bit_for_bit(count: int, seed: int) -> None:
     rows = bits.view(np.float64)  # NaN of all kinds among them
     (column,) = arrow.structs(schema.CAR_MESSAGE, rows)
     array = column.as_arrow_array()
-    assert arrow.numbers(array).tobytes() == rows.tobytes()
+    assert arrow.numbers(array, schema.CAR_MESSAGE).tobytes() == rows.tobytes()
     message = array[count - 1].as_py()[0]
     for at, field in enumerate(f.name for f in schema.MESSAGES[schema.CAR_MESSAGE] if not f.parts):
         assert field in message, at
@@ -70,7 +70,7 @@ def test_a_damaged_array_is_refused() -> None:
     damaged = pa.ListArray.from_arrays(pa.array(ends), pa.array([1.0]))
     ends[1] = 99  # behind its back: Arrow looks at the same memory
     with pytest.raises(ValueError, match="offset"):
-        arrow.numbers(damaged)
+        arrow.numbers(damaged, schema.CAR_MESSAGE)
 
 
 @pytest.mark.parametrize(("d_m", "state"), [(0.4, 0), (0.29, 1), (1e-9, 1), (0.0, 2), (-0.1, 2), (np.nan, 0)])
