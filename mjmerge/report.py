@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mjmerge.acceptance import Acceptance
 from mjmerge.contract import VERDICTS, Verdict
 from mjmerge.decision import decision
+from mjmerge.effect import told
 from mjmerge.facts import FACTS, Finding
 from mjmerge.figures import overview, save
 from mjmerge.hypotheses import asked
 from mjmerge.junit import junit
 from mjmerge.metrics import MERGED_M, TURNED_RAD, merged_at_s, saturated, turned_rad
 from mjmerge.record.manifest import versions
-from mjmerge.scenario import CARS
+from mjmerge.scenario import CARS, Scenario
 from mjmerge.state import Array
 from mjmerge.trace import NEIGHBOURS, Trace
 
@@ -102,6 +104,24 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
         "duration_s": _number(max(ends)),
         "real_time_factor": _number(sum(ends) / wall_s),
     }
+
+
+def ground(
+    scenario: Scenario, plant: str, accepted: Mapping[str, Mapping[str, Any]], *, continuous: bool
+) -> dict[str, Any]:
+    """The part of a summary that says what its verdict stands on: the cars, and what is without effect.
+
+    Args:
+        scenario: what ran.
+        plant: what moved the cars.
+        accepted: what is known of each physical model's acceptance tests, as recorded, by its name.
+        continuous: whether in continuous time.
+    """
+    idle = told(scenario, plant, continuous=continuous)
+    cars = [Acceptance(name, known["state"], tuple(known["failed"])) for name, known in accepted.items()]
+    doubts = [car.sentence for car in cars if car.sentence]
+    doubts += [f"the scenario's {key} is without effect: it {why}" for key, why in idle.items()]
+    return {"verdict_doubts": doubts, "no_effect": list(idle), "acceptance": dict(accepted)}
 
 
 def _least(values: Array) -> Array:

@@ -19,7 +19,6 @@ from mjmerge.bounds import check_runs
 from mjmerge.contract import Verdict, judge
 from mjmerge.distinct import random
 from mjmerge.effect import check as check_effect
-from mjmerge.effect import told
 from mjmerge.errors import MjmergeError, OutputError
 from mjmerge.loader import car_sheets, dump
 from mjmerge.metrics import events
@@ -27,7 +26,7 @@ from mjmerge.outputs import put
 from mjmerge.phases import phases
 from mjmerge.plant import check
 from mjmerge.record import ENDINGS, FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
-from mjmerge.report import figure, summary, worst_run
+from mjmerge.report import figure, ground, summary, worst_run
 from mjmerge.scenario import CARS, Scenario
 from mjmerge.simulate import simulate
 from mjmerge.trace import Trace
@@ -196,10 +195,8 @@ def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
 
 def _ground(scenario: Scenario, plant: str, continuous: bool) -> dict[str, Any]:
     """The part of the summary that says what its verdict stands on: the cars, and what is without effect."""
-    cars, idle = _accepted(scenario, plant), told(scenario, plant, continuous=continuous)
-    doubts = [car.sentence for car in cars if car.sentence]
-    doubts += [f"the scenario's {key} is without effect: it {why}" for key, why in idle.items()]
-    return {"verdict_doubts": doubts, "no_effect": list(idle), "acceptance": _provenance(cars)}
+    known = _provenance(_accepted(scenario, plant))
+    return ground(scenario, plant, known, continuous=continuous)
 
 
 def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous: bool) -> Header:

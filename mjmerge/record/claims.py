@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from mjmerge.acceptance import Acceptance
 from mjmerge.contract import INCOMPLETE, Verdict
 from mjmerge.metrics import events
 from mjmerge.phases import phases
 from mjmerge.record.check import Check, checked, differing
 from mjmerge.record.read import Recorded
-from mjmerge.report import summary
+from mjmerge.report import ground, summary
 from mjmerge.trace import Trace
 
 _RELATIVE = 1e-9
@@ -72,19 +71,9 @@ def what_follows(found: Recorded, trace: Trace, verdict: Verdict) -> dict[str, A
     """The summary that a recording must have, from its trace."""
     expected = summary(trace, [verdict], 1.0)
     del expected["real_time_factor"]
-    return expected | on_cars(found.manifest["acceptance"])
-
-
-def on_cars(acceptance: dict[str, Any]) -> dict[str, Any]:
-    """The part of a summary that says what its verdict stands on, from a manifest."""
-    cars = []
-    for model, known in acceptance.items():
-        failed = tuple(map(str, known.get("failed", ())))
-        cars.append(Acceptance(model, known.get("state", "missing"), failed))
-    return {
-        "verdict_doubts": [car.sentence for car in cars if car.sentence],
-        "acceptance": {model: dict(known) for model, known in acceptance.items()},
-    }
+    accepted = found.manifest["acceptance"]
+    stands = ground(trace.scenario, trace.plant, accepted, continuous=trace.continuous)
+    return expected | stands | {"distinct_runs": 1}
 
 
 def _happened(found: Recorded, trace: Trace, verdict: Verdict) -> Check:

@@ -40,6 +40,14 @@ class _Stop(Frozen):
     touched: bool = False
 
 
+class _Accepted(Frozen):
+    """What was known of a car model's acceptance tests."""
+
+    state: Literal["passed", "failed", "stale", "missing"]
+    failed: list[str]
+    versions: dict[str, str]
+
+
 class Manifest(Frozen):
     """Where a run comes from, as far as anything here relies on it; see ``record/manifest.py``."""
 
@@ -54,7 +62,7 @@ class Manifest(Frozen):
     continuous: bool
     sensing: Literal["recorded", "exact"] = "exact"
     versions: dict[str, str]
-    acceptance: dict[str, dict[str, Any]]
+    acceptance: dict[str, _Accepted]
     conventions: dict[str, str]
     columns: list[dict[str, Any]]
     sheets: dict[str, DataSheet] | None = None

@@ -174,6 +174,7 @@ def _commands(found: Recorded, trace: Trace, cars: Cars) -> Check:
         "weight": told.w,
         "mu_input_per_s": told.mu_input,
         "sensed_distance_m": told.geometry.d,
+        "sensed_distance_rate_mps": told.geometry.d_dot,
         "target_m": c["sensed_front_m"][:, 1] + told.e_1_star,
         "u_n_mps2": told.u_n,
         "u_c_mps2": told.u_c,
@@ -194,7 +195,9 @@ def _intended(found: Recorded, trace: Trace, cars: Cars) -> Array:
     scenario = trace.scenario
     drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
     lanes_m = np.array([[getattr(scenario.initial, car).front_m[1] for car in CARS[1:]]])
-    traffic = Traffic.of(drivers, [int(trace.seeds[0])], scenario.duration_s, lanes_m)
+    hold_s = 0.0 if trace.continuous else found.step_s
+    seeds = [int(trace.seeds[0])]
+    traffic = Traffic.of(drivers, seeds, scenario.duration_s, lanes_m, trace.sheets[1:], hold_s)
     times: Ticks = found.ticks
     return np.concatenate(
         [traffic.intend(at(cars, k), float(tick * found.step_s)) for k, tick in enumerate(times)]
