@@ -5,27 +5,22 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from mjmerge import share
 from mjmerge.errors import UnreadableError
 from mjmerge.loader import load
-from mjmerge.record import FORMATS, Outcome
-from mjmerge.record.again import header, outcome, posed
 from mjmerge.record.digest import digests
 from mjmerge.record.read import Recorded, read
-from mjmerge.record.scene import Scene
 from mjmerge.record.verify import Verified, verify
 from mjmerge.run import run
 from mjmerge.trace import Array
+from tests.recording.forge import Forger
 
 KINDS = ("mcap", "rrd")
 
@@ -113,32 +108,6 @@ def test_the_worst_of_many_runs_is_right_too(tmp_path: Path, kind: str) -> None:
     assert verify(tmp_path / f"run.{kind}").right
 
 
-class Forger:
-    """Writes a recording again with something changed, as whoever wanted to deceive would."""
-
-    def __init__(self, path: Path) -> None:
-        self.found = read(path)
-        self.about = header(self.found)
-        self.scene = Scene(self.about.model, self.about.scenario.law.r_m)
-        self.block = posed(self.found, self.about, self.scene)
-        self.true = outcome(self.found, self.found.trace())
-
-    def write(self, folder: Path, change: Callable[[dict[str, Array]], None], **claims: Any) -> Path:
-        """``change`` gets copies of the columns; ``claims`` replace fields of the outcome."""
-        columns = {name: values.copy() for name, values in self.block.block.columns.items()}
-        change(columns)
-        block = replace(self.block, block=replace(self.block.block, columns=columns))
-        return self.store(folder, block, replace(self.true, **claims))
-
-    def store(self, folder: Path, block, end: Outcome) -> Path:
-        path = folder / f"forged.{self.found.kind}"
-        path.unlink(missing_ok=True)
-        recorder = FORMATS[f"run.{self.found.kind}"](path, self.about, self.scene)
-        recorder.write(block)
-        recorder.close(end)
-        return path
-
-
 @pytest.fixture(scope="module", params=KINDS)
 def forger(request, recorded) -> Forger:
     return Forger(recorded("mujoco") / f"run.{request.param}")
@@ -152,8 +121,8 @@ def test_what_is_written_again_unchanged_is_right(forger: Forger, tmp_path: Path
     assert verify(forger.write(tmp_path, unchanged)).right
 
 
-@given(st.integers(0, 119), st.integers(0, 2), st.integers(0, 1), st.sampled_from([-1e-6, 1e-6]))
-@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.parametrize(("tick", "car", "axis"), [(0, 0, 0), (57, 1, 1), (119, 2, 0)])
+@pytest.mark.parametrize("by_m", [-1e-6, 1e-6])
 def test_one_position_changed_by_a_micrometre_is_found(
     forger: Forger, tmp_path: Path, tick: int, car: int, axis: int, by_m: float
 ) -> None:
@@ -164,21 +133,7 @@ def test_one_position_changed_by_a_micrometre_is_found(
     assert "fingerprints" in wrong(found)
     assert wrong(found) & {"distances", "law"}
     assert "front_m" in next(c.says for c in found.checks if c.name == "fingerprints")
-
-
-@given(st.integers(0, 119), st.integers(0, 2), st.integers(0, 1))
-@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_it_is_found_even_with_fingerprints_to_match(
-    forger: Forger, tmp_path: Path, tick: int, car: int, axis: int
-) -> None:
-    forged: dict[str, Array] = {}
-
-    def change(columns: dict[str, Array]) -> None:
-        columns["front_m"][tick, car, axis] += 1e-6
-        forged.update(columns)
-
-    change({name: values.copy() for name, values in forger.block.block.columns.items()})
-    marks = digests({"time_s": forger.found.columns["time_s"], **forged}, forger.found.texts)
+    marks = digests({"time_s": forger.found.columns["time_s"], **forger.columns(change)}, forger.found.texts)
     found = verify(forger.write(tmp_path, change, digests=marks))
     assert "fingerprints" not in wrong(found)
     assert wrong(found) & {"distances", "law"}
@@ -243,8 +198,8 @@ def test_a_file_of_another_schema_is_named(recorded, monkeypatch, kind: str) -> 
     assert "99" in found.checks[-1].says
 
 
-@given(part=st.floats(0.0, 0.9999), kind=st.sampled_from(KINDS))
-@settings(max_examples=14, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("part", [0.0, 0.003, 0.1, 0.4, 0.8, 0.9999])
 def test_a_truncated_file_is_found_and_said_to_be_unfinished(
     recorded, tmp_path: Path, part: float, kind: str
 ) -> None:
@@ -258,19 +213,6 @@ def test_a_truncated_file_is_found_and_said_to_be_unfinished(
     else:
         assert "file" in wrong(found)
         assert "unfinished" in found.checks[0].says
-
-
-@given(at=st.floats(0.0, 0.9999), bit=st.integers(0, 7), kind=st.sampled_from(KINDS))
-@settings(max_examples=14, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_damaged_file_is_found_or_unreadable_but_never_a_crash(
-    recorded, tmp_path: Path, at: float, bit: int, kind: str
-) -> None:
-    data = bytearray((recorded("points") / f"run.{kind}").read_bytes())
-    data[int(at * len(data))] ^= 1 << bit
-    damaged = tmp_path / f"damaged.{kind}"
-    damaged.write_bytes(data)
-    with suppress(UnreadableError):
-        verify(damaged)
 
 
 @pytest.mark.parametrize("content", [b"", b"a scenario?\n", b"\x89MCAP0\r\n", b"RRF2"])
