@@ -129,7 +129,8 @@ def _text(file: Path) -> str:
         with file.open("rb") as opened:
             data = opened.read(LARGEST_FILE_BYTES + 1)
         if len(data) > LARGEST_FILE_BYTES:
-            raise ScenarioError(file, [Problem("a baseline is a few kilobytes; this is more than 1 MB")])
+            most = f"{LARGEST_FILE_BYTES / 1e6:.1f} MB"
+            raise ScenarioError(file, [Problem(f"a baseline is a few kilobytes; this is more than {most}")])
         if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
             return data.decode("utf-16")
         return data.decode("utf-8-sig")

@@ -16,7 +16,7 @@ from mjmerge import share
 from mjmerge.acts import BODIES
 from mjmerge.delay import steps_late
 from mjmerge.effect import acting, declared
-from mjmerge.loader import car_sheets, dump
+from mjmerge.loader import car_sheets
 from mjmerge.mismatch import Mismatch
 from mjmerge.scenario import CARS, Road, Scenario
 
@@ -81,7 +81,7 @@ def _content(batch: Batch) -> str:
         "models": scenario.models.model_copy(update=where),
         "law": scenario.law.model_copy(update={"variant": "+".join(sorted(scenario.law.variant.split("+")))}),
     }
-    return f"{batch.plant} {batch.continuous}\n{dump(scenario.model_copy(update=plain))}"
+    return f"{batch.plant} {batch.continuous}\n{scenario.model_copy(update=plain).model_dump_json()}"
 
 
 def _in_steps(scenario: Scenario, plant: str) -> Mismatch:

@@ -29,7 +29,15 @@ from mjmerge.errors import Problem
 DEEPEST = 20
 """Levels of nesting that are read; a scenario has six."""
 
-UNREADABLE = object()
+
+class _Unreadable:
+    """There is one, and its copy is itself."""
+
+    def __deepcopy__(self, memo: object) -> _Unreadable:
+        return self
+
+
+UNREADABLE = _Unreadable()
 """Stands for a value already reported as a problem, so that it is not reported twice."""
 
 _INT = re.compile(r"[-+]?[0-9]{1,300}|0o[0-7]+|0x[0-9a-fA-F]+")

@@ -13,7 +13,7 @@ from mjmerge.plan import is_mismatch
 if TYPE_CHECKING:
     from mjmerge.campaign import Axis, Block, Campaign
 
-MOST_SCENARIOS = 10_000
+MOST_SCENARIOS = 5_000
 """Different scenarios that a campaign may be made of: each is loaded and checked, its mismatch aside."""
 
 

@@ -6,6 +6,7 @@ import io
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -24,7 +25,8 @@ from mjmerge.errors import MjmergeError, ModelError, Problem, ScenarioError, Unk
 from mjmerge.frozen import Frozen
 from mjmerge.scenario import CARS, Models, Scenario
 
-LARGEST_FILE_BYTES = 1_000_000
+LARGEST_FILE_BYTES = 400_000
+"""Of what people write: YAML takes ten seconds a megabyte."""
 
 Source = str | Path | Mapping[str, Any]
 
@@ -186,12 +188,18 @@ def read(path: Path) -> Document:
     except (OSError, ValueError) as error:
         return Document(problems=[Problem(f"cannot be read: {getattr(error, 'strerror', error)}")])
     if size > LARGEST_FILE_BYTES:
-        message = f"a scenario is a few kilobytes; this is {size / 1e6:.0f} MB: is it a recording?"
+        message = f"a scenario is a few kilobytes; this is {size / 1e6:.3g} MB: is it a recording?"
         return Document(problems=[Problem(message)])
-    document = parse(text)
+    document = deepcopy(_parsed(text))
     if document.value is None and not document.problems:
         return Document(problems=[Problem("empty: there is no key in it")])
     return document
+
+
+@lru_cache(maxsize=32)  # a campaign loads one scenario with a thousand different keys
+def _parsed(text: str) -> Document:
+    """What a text says; to be copied before it is changed."""
+    return parse(text)
 
 
 def validated(

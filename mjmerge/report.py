@@ -50,7 +50,8 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
     """
     run = worst_run(trace)
     distance_m = trace.distance_m[run]
-    ends = [trace.time_s[np.flatnonzero(~np.isnan(row))[-1]] for row in trace.front_m[:, :, 0, 0]]
+    known = ~np.isnan(trace.front_m[:, :, 0, 0])
+    ends = np.where(known, trace.time_s, 0.0).max(axis=1).tolist()  # 0 where it stopped before its first tick
     worst = max(verdicts, key=lambda v: (VERDICTS.index(v.verdict), v.run == run))
     clearance = trace.min_clearance_m[:, :2]
     return {
@@ -87,9 +88,9 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
             car: _number(saturated(trace)[run, :, c].sum() * trace.scenario.control_step_s)
             for c, car in enumerate(CARS)
         },
-        "peak_u_c_mps2": _number(np.nanmax(np.hypot(*trace.u_c_mps2[run].T))),
+        "peak_u_c_mps2": _number(-_least(-np.hypot(*trace.u_c_mps2[run].T)[:, None])[0]),
         "hypotheses": dict.fromkeys(asked(trace)) | {b.hypothesis: b.time_s for b in verdicts[run].breaches},
-        "decision": decision(trace)[run].as_dict(),
+        "decision": {key: _plain(value) for key, value in decision(trace)[run].as_dict().items()},
         "stops": [
             {
                 "seed": int(trace.seeds[s.run]),
@@ -133,6 +134,11 @@ def _least(values: Array) -> Array:
 def _number(value: float) -> float | None:
     """A JSON number; JSON has no NaN."""
     return None if math.isnan(value) else float(value)
+
+
+def _plain(value: float | bool | None) -> float | bool | None:
+    """What JSON has: no infinity either, of what was never measured."""
+    return value if value is None or math.isfinite(value) else None
 
 
 def metres(value: float | None) -> str:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from mjmerge import share
 from mjmerge.errors import OutputError
-from mjmerge.loader import dump
 from mjmerge.outputs import cannot_write
 from mjmerge.plan import Batch, Plan
 from mjmerge.record.manifest import versions
@@ -28,7 +27,9 @@ def identity(plan: Plan) -> dict[str, Any]:
     """What the rows of a plan depend on: name of each part, and a digest of it."""
     batches: dict[int, Batch] = {id(case.batch): case.batch for case in plan.cases}
     order = {key: i for i, key in enumerate(batches)}
-    scenarios = [[plan.labels[b.source], b.plant, b.continuous, dump(b.scenario)] for b in batches.values()]
+    scenarios = [
+        [plan.labels[b.source], b.plant, b.continuous, b.scenario.model_dump_json()] for b in batches.values()
+    ]
     models = {getattr(b.scenario.models, car) for b in batches.values() for car in CARS}
     runs = [
         [order[id(case.batch)], case.point, case.seed, *case.overrides, case.mismatch.model_dump(mode="json")]

@@ -82,7 +82,7 @@ def no_bodies(runs: int) -> Array:
 
 def runaway(state: Array) -> list[Fault]:
     """Faults of simulations whose state, (N, C, K), is NaN or beyond all bounds."""
-    bad: Mask = ~np.all(np.abs(state) < _BEYOND, axis=2)  # true for NaN
+    bad: Mask = ~np.all(np.abs(state) <= _BEYOND, axis=2)  # true for NaN
     found = []
     for run in np.flatnonzero(np.any(bad, axis=1)):
         car = int(np.argmax(bad[run]))

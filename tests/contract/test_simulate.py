@@ -1,11 +1,13 @@
 """The loop: the paper's facts, the symmetries of a run, and what happens when a simulation fails."""
 
+import json
 from dataclasses import fields
 from importlib import import_module
 
 import numpy as np
 import pytest
 
+from mjmerge.contract import judge
 from mjmerge.law import Sensed
 from mjmerge.loader import load
 from mjmerge.metrics import lateral_error_m, merged_at_s
@@ -13,6 +15,7 @@ from mjmerge.plant import PLANTS
 from mjmerge.plant.bicycle import Bicycle
 from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.mujoco import MuJoCo
+from mjmerge.report import summary
 from mjmerge.scenario import CARS
 from mjmerge.simulate import simulate
 from mjmerge.trace import BLOCK_S, COLUMNS
@@ -330,3 +333,19 @@ def test_the_law_and_the_actuation_cannot_see_the_truth(truth):
     for name in COMMANDS:
         assert getattr(plain, name)[:, 0].tobytes() == getattr(other, name)[:, 0].tobytes(), name
     assert plain.front_m.tobytes() != other.front_m.tobytes()
+
+
+def test_a_run_that_stops_before_its_first_tick_still_has_a_summary_that_json_can_hold(monkeypatch):
+    monkeypatch.setattr("mjmerge.plant.kinematic._BEYOND", 1.0)
+    trace = simulate(load("paper", ["duration_s=0.1"]), "double_integrator", runs=2)
+    assert len(trace.stops) == 2
+    found = summary(trace, judge(trace), 1.0)
+    assert (found["verdict"], found["duration_s"], found["decision"]["least_z"]) == ("incomplete", 0.0, None)
+    json.dumps(found, allow_nan=False)
+
+
+def test_the_furthest_place_that_a_scenario_may_have_is_no_fault():
+    far = ["initial.vehicle_2.front_m=[-1e9, 0]", "initial.vehicle_2.speed_mps=0"]
+    steady = "drivers.vehicle_2={kind: steady, speed_mps: 0}"
+    trace = simulate(load("paper", ["duration_s=0.1", *far, steady]), "double_integrator")
+    assert not trace.stops
