@@ -13,17 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from mjmerge.actuation import BelievedCars, actuate, believed_sheets
+from mjmerge.actuation import BelievedCars, Feet, actuate, believed_sheets
 from mjmerge.drivers import Traffic
 from mjmerge.law import Sensed, advance, decide
 from mjmerge.plant import LIMITED
 from mjmerge.record.check import Check, checked, compared
-from mjmerge.record.found import Ticks
 from mjmerge.record.motion import motion
 from mjmerge.record.read import Recorded
 from mjmerge.scenario import CARS
 from mjmerge.sensing import Sensing
-from mjmerge.state import Cars, dot, norm
+from mjmerge.state import Cars, Mask, dot, norm
 from mjmerge.trace import Array, Trace, the_truth
 
 _DISTANCE_M = 1e-12
@@ -151,7 +150,7 @@ def _sensing(found: Recorded, trace: Trace, cars: Cars) -> Check:
 def _commands(found: Recorded, trace: Trace, cars: Cars) -> Check:
     """Drivers, law, inverse and limits say what the cars are told, from what they saw and the opinion."""
     c, law = found.columns, trace.scenario.law
-    u_j = _intended(found, trace, cars)
+    u_j, stand = _neighbours(found, trace, cars)
     told = decide(
         law,
         Sensed(
@@ -167,9 +166,7 @@ def _commands(found: Recorded, trace: Trace, cars: Cars) -> Check:
     heading[:, 0], speed[:, 0] = c["sensed_heading_rad"], c["sensed_speed_mps"]
     steer[:, 0] = c["sensed_steer_rad"]
     seen = replace(cars, heading_rad=heading, speed_mps=speed, steer_rad=steer)
-    believed = BelievedCars.of(believed_sheets(trace.scenario), limited=trace.plant in LIMITED)
     u = np.concatenate([told.u[:, None], u_j], axis=1)
-    controls = actuate(seen, u, believed, law.eps_v_mps, found.step_s)
     expected = {
         "weight": told.w,
         "mu_input_per_s": told.mu_input,
@@ -179,29 +176,46 @@ def _commands(found: Recorded, trace: Trace, cars: Cars) -> Check:
         "u_n_mps2": told.u_n,
         "u_c_mps2": told.u_c,
         "u_mps2": u,
-        "a_mps2": controls.a_mps2,
-        "omega_radps": controls.omega_radps,
-        "steer_command_rad": controls.steer_rad,
-        "torque_n_m": controls.torque_n_m,
-        "torque_clipped_n_m": controls.torque_clipped_n_m,
-        "steer_clipped_rad": controls.steer_clipped_rad,
+        **_actuated(seen, u, stand, found, trace),
     }
     says = "drivers, target, u_n, u_c, u, a, omega, steering and torques, from what was seen and the opinion"
     return _check("law", says, found, expected, _RELATIVE, _RELATIVE)
 
 
-def _intended(found: Recorded, trace: Trace, cars: Cars) -> Array:
-    """What the neighbours' drivers intend, (T, 2, 2)."""
+def _neighbours(found: Recorded, trace: Trace, cars: Cars) -> tuple[Array, Mask]:
+    """What the neighbours' drivers intend, (T, 2, 2), and which of the cars mean to stand, (T, C)."""
     scenario = trace.scenario
     drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
     lanes_m = np.array([[getattr(scenario.initial, car).front_m[1] for car in CARS[1:]]])
     hold_s = 0.0 if trace.continuous else found.step_s
     seeds = [int(trace.seeds[0])]
     traffic = Traffic.of(drivers, seeds, scenario.duration_s, lanes_m, trace.sheets[1:], hold_s)
-    times: Ticks = found.ticks
-    return np.concatenate(
-        [traffic.intend(at(cars, k), float(tick * found.step_s)) for k, tick in enumerate(times)]
-    )
+    intended, stand = [], []
+    for k, tick in enumerate(found.ticks):
+        now, time_s = at(cars, k), float(tick * found.step_s)
+        intended.append(traffic.intend(now, time_s))
+        stand.append(traffic.stands(now, time_s, intended[-1]))
+    return np.concatenate(intended), np.concatenate(stand)
+
+
+def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) -> dict[str, Array]:
+    """What the cars are told, by column, tick after tick: feet remember."""
+    believed = BelievedCars.of(believed_sheets(trace.scenario), limited=trace.plant in LIMITED)
+    eps_v_mps, feet = trace.scenario.law.eps_v_mps, Feet(found.step_s)
+    told = []
+    for k in range(len(found.ticks)):
+        row = slice(k, k + 1)
+        now = at(seen, k)
+        told.append(actuate(now, u[row], believed, eps_v_mps, found.step_s, feet, stand[row]))
+    names = {
+        "a_mps2": "a_mps2",
+        "omega_radps": "omega_radps",
+        "steer_command_rad": "steer_rad",
+        "torque_n_m": "torque_n_m",
+        "torque_clipped_n_m": "torque_clipped_n_m",
+        "steer_clipped_rad": "steer_clipped_rad",
+    }
+    return {column: np.concatenate([getattr(one, name) for one in told]) for column, name in names.items()}
 
 
 def _opinion(found: Recorded, trace: Trace) -> Check:
