@@ -55,6 +55,7 @@ __all__ = [
     "STEERED",
     "WHEELS",
     "World",
+    "attached",
     "build",
     "compose",
     "single",
@@ -308,6 +309,33 @@ def compose(
     }
     _check_model(model, list(differences(model, without_cars, asked, cars)), files, sheets)
     return World(model, xml, cars, sheets, tyres)
+
+
+def attached(
+    model: mujoco.MjModel, xml: str, sheets: Sequence[DataSheet], tyres: Tyre, physics_step_s: float
+) -> World:
+    """The world of a scenario as a recording holds it, compiled: nothing of its cars is read from elsewhere.
+
+    Args:
+        model: the compiled world.
+        xml: the MJCF it was compiled from.
+        sheets: data sheet of each car.
+        tyres: whether they slip.
+        physics_step_s: time step that it must have.
+
+    Raises:
+        ModelError: a car in it is not what its data sheet says, or lacks something.
+    """
+    if model.opt.timestep != physics_step_s:
+        raise ModelError(f"its world has time steps of {model.opt.timestep:g} s, not {physics_step_s:g} s")
+    findings: list[Finding] = []
+    for car, sheet in zip(CARS, sheets, strict=True):
+        one = Car(model, car, sheet)
+        for check in (car_checks, car_joints, car_controls, car_sizes):
+            findings += check.findings(one)
+    if problems := told(findings):
+        raise ModelError("; ".join(problems))
+    return World(model, xml, CARS, tuple(sheets), tyres)
 
 
 def _why(error: ValueError, files: Mapping[str, CarFile]) -> str:

@@ -81,25 +81,29 @@ def compared(
     return [text for _, text in sorted(wrong, key=lambda pair: pair[0])], most
 
 
-def differing(key: str, claimed: Any, expected: Any, relative: float) -> list[str]:
+def differing(
+    key: str, claimed: Any, expected: Any, relative: float, who: str = "its numbers say"
+) -> list[str]:
     """Where what a file claims differs from what follows from its numbers, key by key."""
     if isinstance(expected, Mapping) and isinstance(claimed, Mapping):
         return [
             text
             for part in sorted(expected.keys() | claimed.keys())
-            for text in differing(f"{key}.{part}", claimed.get(part), expected.get(part), relative)
+            for text in differing(f"{key}.{part}", claimed.get(part), expected.get(part), relative, who)
         ]
     if isinstance(expected, list | tuple) and isinstance(claimed, list) and len(claimed) == len(expected):
         pairs = zip(claimed, expected, strict=True)
-        return [text for i, (c, e) in enumerate(pairs) for text in differing(f"{key}[{i}]", c, e, relative)]
+        return [
+            text for i, (c, e) in enumerate(pairs) for text in differing(f"{key}[{i}]", c, e, relative, who)
+        ]
     numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in (claimed, expected))
     if numbers:
         if claimed == expected or abs(claimed - expected) <= relative * max(1.0, abs(expected)):
             return []
-        return [f"{key}: the file says {claimed:.6g}, its numbers say {expected:.6g}"]
+        return [f"{key}: the file says {claimed:.6g}, {who} {expected:.6g}"]
     if type(claimed) is type(expected) and claimed == expected:
         return []
-    return [f"{key}: the file says {_short(claimed)}, its numbers say {_short(expected)}"]
+    return [f"{key}: the file says {_short(claimed)}, {who} {_short(expected)}"]
 
 
 def _short(value: Any) -> str:

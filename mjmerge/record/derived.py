@@ -43,7 +43,7 @@ def derived(found: Recorded, trace: Trace) -> Iterator[Check]:
         yield _start(found, trace)
         yield _distances(found, trace)
         yield _sensing(found, trace, cars)
-        yield _commands(found, trace, cars)
+        yield _law(found, trace, cars)
         yield _opinion(found, trace)
         yield from motion(found, trace, cars)
 
@@ -147,8 +147,20 @@ def _sensing(found: Recorded, trace: Trace, cars: Cars) -> Check:
     return _check("sensing", says, found, expected, _RELATIVE, _RELATIVE)
 
 
-def _commands(found: Recorded, trace: Trace, cars: Cars) -> Check:
+def _law(found: Recorded, trace: Trace, cars: Cars) -> Check:
     """Drivers, law, inverse and limits say what the cars are told, from what they saw and the opinion."""
+    says = "drivers, target, u_n, u_c, u, a, omega, steering and torques, from what was seen and the opinion"
+    return _check("law", says, found, commands(found, trace, cars), _RELATIVE, _RELATIVE)
+
+
+def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
+    """What drivers, law, inverse and limits tell the cars, by column, (T, ...).
+
+    Args:
+        found: the file as read.
+        trace: the run in it.
+        cars: its motion, (T, C).
+    """
     c, law = found.columns, trace.scenario.law
     u_j, stand = _neighbours(found, trace, cars)
     told = decide(
@@ -167,7 +179,7 @@ def _commands(found: Recorded, trace: Trace, cars: Cars) -> Check:
     steer[:, 0] = c["sensed_steer_rad"]
     seen = replace(cars, heading_rad=heading, speed_mps=speed, steer_rad=steer)
     u = np.concatenate([told.u[:, None], u_j], axis=1)
-    expected = {
+    return {
         "weight": told.w,
         "mu_input_per_s": told.mu_input,
         "sensed_distance_m": told.geometry.d,
@@ -178,8 +190,6 @@ def _commands(found: Recorded, trace: Trace, cars: Cars) -> Check:
         "u_mps2": u,
         **_actuated(seen, u, stand, found, trace),
     }
-    says = "drivers, target, u_n, u_c, u, a, omega, steering and torques, from what was seen and the opinion"
-    return _check("law", says, found, expected, _RELATIVE, _RELATIVE)
 
 
 def _neighbours(found: Recorded, trace: Trace, cars: Cars) -> tuple[Array, Mask]:

@@ -1,4 +1,8 @@
-"""``mjmerge replay``: the attached scenario run again, and compared with the recording bit for bit."""
+"""``mjmerge replay``: the attached scenario run again, and compared with the recording bit for bit.
+
+With the world and the data sheets that are in the file, so that a car of one's own needs no folder; and those
+are compared with what this version has under the same names.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +13,23 @@ from typing import Any
 
 import numpy as np
 
-from mjmerge.errors import UnreadableError
+from mjmerge import share
+from mjmerge.contract import judge
+from mjmerge.errors import MjmergeError, UnreadableError
+from mjmerge.loader import data_sheet
+from mjmerge.record.attached import compiled
+from mjmerge.record.check import differing
+from mjmerge.record.claims import what_follows
 from mjmerge.record.manifest import versions
 from mjmerge.record.read import Recorded, read
+from mjmerge.record.recover import CUT_OFF
+from mjmerge.scenario import CARS, Scenario
 from mjmerge.simulate import simulate
-from mjmerge.trace import COLUMNS, Array
-from mjmerge.world import build
+from mjmerge.trace import COLUMNS, Array, Trace
+from mjmerge.world import World, attached, build
 
 _MOST_NAMED = 5
+_RELATIVE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -45,19 +58,26 @@ class Replayed:
         differences: columns that differ, the earliest first.
         lengths: ticks in the file and in the run again, where the file is finished and they differ.
         other_versions: packages of another version than the file's, a phrase each.
-        other_world: whether the composed world is another one: the car models have changed.
+        claims: where what the file claims of the run is not what the run again says.
+        other_world: whether this version composes another world of the same models, or has other data sheets
+            of them; ``None`` where they are not here.
+        ours: whether all those models are shipped, and of the versions in the file: then another world is a
+            contradiction.
     """
 
     recorded: Recorded
     differences: tuple[Difference, ...]
     lengths: tuple[int, int] | None
     other_versions: tuple[str, ...]
-    other_world: bool
+    claims: tuple[str, ...]
+    other_world: bool | None
+    ours: bool
 
     @property
     def same(self) -> bool:
-        """Whether every bit is the same."""
-        return not self.differences and self.lengths is None
+        """Whether every bit is the same, and all that is claimed of them."""
+        wrong_world = self.ours and bool(self.other_world)
+        return not (self.differences or self.lengths or self.claims or wrong_world)
 
     def as_dict(self) -> dict[str, Any]:
         """What ``--json`` prints."""
@@ -67,6 +87,7 @@ class Replayed:
             "ticks": len(self.recorded.ticks),
             "differences": [vars(d) for d in self.differences],
             "other_versions": list(self.other_versions),
+            "claims": list(self.claims),
             "other_world": self.other_world,
         }
 
@@ -84,10 +105,15 @@ class Replayed:
             )
         if len(self.differences) > _MOST_NAMED:
             out.append(f"DIFFERENT: and {len(self.differences) - _MOST_NAMED} more columns")
+        out += [f"DIFFERENT: {claim}" for claim in self.claims[:_MOST_NAMED]]
         out += [f"another version: {other}" for other in self.other_versions]
-        if self.other_world:
-            out.append("another world: the car models have changed since (see the attached world.xml)")
-        if not self.same and not self.other_versions and not self.other_world:
+        if self.other_world and self.ours:
+            out.append("DIFFERENT: the attached world or data sheets are not those of the models it names")
+        elif self.other_world:
+            out.append("the models of those names are others here; it was run with the attached ones")
+        elif self.other_world is None:
+            out.append("its models are not here; it was run with the attached world and data sheets")
+        if self.differences and not self.other_versions:
             out.append("the versions are the same: the file was changed, or the processor is another kind")
         return out
 
@@ -103,12 +129,13 @@ def replay(path: Path, threads: int = 0, progress: Callable[[float], None] | Non
     Raises:
         UnreadableError: it is no recording, or has nothing to compare.
         ScenarioError: its scenario is none that this version can run.
+        ModelError: its world is none that this version can run.
     """
     found = read(path)
-    if not found.columns:
+    if not found.columns or not len(found.ticks):
         raise UnreadableError(path, f"no columns that we know (schema {found.schema_version})")
     scenario, plant = found.scenario(), str(found.manifest["plant"])
-    world = build(scenario)
+    world = _world(found, scenario) if plant == "mujoco" else None
     again = simulate(
         scenario,
         plant,
@@ -120,7 +147,8 @@ def replay(path: Path, threads: int = 0, progress: Callable[[float], None] | Non
     )
     known = ~np.isnan(again.front_m[0, :, 0, 0])
     ran = int(known.sum())
-    whole = found.verdict is not None
+    cut_off = any(stop["reason"] == CUT_OFF for stop in (found.summary or {}).get("stops", ()))
+    whole = found.verdict is not None and not cut_off
     lengths = (len(found.ticks), ran) if whole and len(found.ticks) != ran else None
     inside = found.ticks < scenario.ticks
     differences = []
@@ -137,8 +165,40 @@ def replay(path: Path, threads: int = 0, progress: Callable[[float], None] | Non
         tuple(sorted(differences, key=lambda d: d.first_s)),
         lengths,
         other,
-        bool(found.world_xml) and found.world_xml != world.xml,
+        tuple(_claims(found, again)) if whole else (),
+        _other_world(found, scenario),
+        not other and all(getattr(scenario.models, car) in share.models() for car in CARS),
     )
+
+
+def _world(found: Recorded, scenario: Scenario) -> World:
+    """The attached world, to be run."""
+    model = compiled(found.path, found.world_xml)
+    tyres, step_s = scenario.mismatch.tyres, scenario.physics_step_s
+    return attached(model, found.world_xml, found.sheets(), tyres, step_s)
+
+
+def _other_world(found: Recorded, scenario: Scenario) -> bool | None:
+    """Whether the models of these names give another world here, or have other data sheets."""
+    try:
+        sheets = tuple(data_sheet(getattr(scenario.models, car)) for car in CARS)
+        world = build(scenario)
+    except MjmergeError:
+        return None
+    sized = tuple(sheet.sized(scenario.models.size) for sheet in sheets)
+    return found.world_xml != world.xml or found.sheets() != sized
+
+
+def _claims(found: Recorded, again: Trace) -> list[str]:
+    """Where verdict and summary are not those of the run again."""
+    (verdict,) = judge(again)
+    wrong = []
+    if verdict.verdict != found.verdict:
+        wrong.append(f"the file says {found.verdict!r}, the run again {verdict.verdict!r}")
+    claimed, expected = found.summary or {}, what_follows(found, again, verdict)
+    for key in sorted(claimed.keys() | expected.keys()):
+        wrong += differing(key, claimed.get(key), expected.get(key), _RELATIVE, "the run again says")
+    return wrong
 
 
 def _difference(name: str, there: Array, new: Array, time_s: Array) -> Difference | None:

@@ -46,8 +46,7 @@ def shown(found: Recorded, about: Header, scene: Scene) -> Iterator[Check]:
         with tempfile.TemporaryDirectory() as folder:
             again = Path(folder) / f"run.{found.kind}"
             _write(found, about, scene, again)
-            contents = _mcap if found.kind == "mcap" else _rrd
-            ours, theirs = contents(again), contents(found.path)
+            ours, theirs = contents(again, found.kind), contents(found.path, found.kind)
     except (MjmergeError, OSError, ValueError, KeyError, TypeError) as error:
         yield Check("drawing", False, f"cannot be drawn: {error}")
         return
@@ -106,6 +105,11 @@ def _said(text: str) -> tuple[str, str]:
     """Car and words of an event."""
     car, colon, words = text.partition(": ")
     return (car, words) if colon else ("", text)
+
+
+def contents(path: Path, kind: str) -> Contents:
+    """What is drawn in a recording of a kind, ``mcap`` or ``rrd``."""
+    return _mcap(path) if kind == "mcap" else _rrd(path)
 
 
 def _mcap(path: Path) -> Contents:

@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+NOT_DERIVED = (
+    "that the cars moved under the physics and the mismatch that the scenario says, but for bounds; how hard "
+    "contacts were; why a run stopped; who recorded it with what; the layout: `mjmerge replay` runs it again"
+)
+"""What does not follow from the rest of a file, and what finds it."""
+
+
 @dataclass(frozen=True)
 class Verified:
     """What came of it.
@@ -106,6 +113,7 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     (verdict,) = judge(again)
     yield verdict
     yield from claims(found, again, verdict)
+    yield Check("not derived", None, NOT_DERIVED)
 
 
 def _file(found: Recorded) -> Check:

@@ -10,8 +10,8 @@ from typing import Any
 from mjmerge.record import FORMATS, Outcome
 from mjmerge.record.again import header, outcome, posed
 from mjmerge.record.base import PosedBlock
-from mjmerge.record.digest import digests
-from mjmerge.record.read import read
+from mjmerge.record.derived import cars_of, commands, geometry
+from mjmerge.record.read import Recorded, read
 from mjmerge.record.scene import Scene
 from mjmerge.trace import Array, the_truth
 
@@ -39,18 +39,27 @@ class Forger:
         block = replace(self.block, block=replace(self.block.block, columns=self.columns(change)))
         return self.store(folder, block, replace(self.true, **claims))
 
-    def consistent(self, folder: Path, change: Change, draw: bool = True, **claims: Any) -> Path:
-        """Changes columns; poses, summary, verdict, events and fingerprints are made of them anew."""
-        columns = self.columns(change)
-        time_s = self.found.columns["time_s"]
-        found = replace(self.found, columns={"time_s": time_s, **columns})
+    def consistent(self, folder: Path, change: Change, *, after: Change | None = None) -> Path:
+        """Changes columns; all that our own code makes of them is made anew.
+
+        Distances, commands, poses, events, summary, verdict and fingerprints; ``after`` changes what is left.
+        """
+        found = self._with(self.columns(change))
+        c, r_m = dict(found.columns), self.about.scenario.law.r_m
+        c |= geometry(c["front_m"], c["velocity_mps"], r_m)
+        found = replace(found, columns=c)
+        c |= commands(found, found.trace(), cars_of(found, found.trace()))
+        if not self.about.told:
+            c |= the_truth(c)
+        if after is not None:
+            after(c)
+        found = replace(found, columns=c)
+        moved = posed(found, self.about, self.scene)  # parts are carried along with their front axles
         end = outcome(found, found.trace())
-        end = replace(end, digests=digests(found.columns, found.texts), **claims)
-        block = replace(self.block, block=replace(self.block.block, columns=columns))
-        if draw:  # the cars' parts are carried along with their front axles
-            moved = posed(replace(found, path=self.found.path), self.about, self.scene)
-            block = replace(block, pos_m=moved.pos_m, quat=moved.quat)
-        return self.store(folder, block, end)
+        return self.store(folder, moved, end)
+
+    def _with(self, columns: dict[str, Array]) -> Recorded:
+        return replace(self.found, columns={"time_s": self.found.columns["time_s"], **columns})
 
     def store(self, folder: Path, block: PosedBlock, end: Outcome) -> Path:
         path = folder / f"forged.{self.found.kind}"
