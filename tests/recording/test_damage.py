@@ -1,0 +1,105 @@
+"""Damaged recordings crash no command, take no command long, and are called right only where they are equal.
+
+Equal in all that is shown or judged. ``pytest --long`` does it to a thousand recordings per format, and each
+goes through every command.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjmerge.cli import main
+from mjmerge.loader import load
+from mjmerge.record.read import read
+from mjmerge.record.shown import contents
+from mjmerge.record.verify import verify
+from mjmerge.run import run
+from tests.recording.damage import DAMAGES
+
+SHORT, LONG = 16, 1000
+LONGEST_S, MOST_MIB = 10.0, 1024
+COMMANDS: dict[str, list[str]] = {
+    "replay": ["replay", "{file}"],
+    "compare": ["compare", "{file}", "{whole}", "--out", "both"],
+    "convert": ["convert", "{file}", "--csv", "--out", "table.csv"],
+    "recover": ["recover", "{file}", "--out", "again{suffix}"],
+    "view": ["view", "{file}", "--check"],
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("whole")
+    run(load("charge", ["duration_s=0.3"]), "mujoco", folder=folder)
+    return folder
+
+
+def equal(a: Path, b: Path) -> bool:
+    """Whether two recordings are equal in all that is shown or judged."""
+    one, other = read(a), read(b)
+    same = one.columns.keys() == other.columns.keys() and all(
+        one.columns[n].tobytes() == other.columns[n].tobytes() for n in one.columns
+    )
+    texts = ("scenario_yaml", "world_xml", "verdict", "summary", "said", "states", "manifest")
+    return (
+        same
+        and all(getattr(one, name) == getattr(other, name) for name in texts)
+        and contents(a, one.kind) == contents(b, other.kind)
+    )
+
+
+@pytest.mark.parametrize("kind", ["mcap", "rrd"])
+def test_damage_is_told_or_refused_and_nothing_else(
+    whole: Path, tmp_path: Path, monkeypatch, capsys, kind: str, long: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    source, file = whole / f"run.{kind}", tmp_path / f"damaged.{kind}"
+    done: dict[str, int] = {}
+    failures = []
+    for case in range(LONG if long else SHORT):
+        rng = np.random.default_rng([case, kind == "mcap"])
+        name = list(DAMAGES)[case % len(DAMAGES)]
+        DAMAGES[name](source, file, rng)
+        commands = list(COMMANDS) if long else [list(COMMANDS)[case % len(COMMANDS)]]
+        for command in ["verify", *commands]:
+            said = COMMANDS.get(command, ["verify", "{file}", "--json"])
+            arguments = [part.format(file=file, whole=source, suffix=file.suffix) for part in said]
+            began = time.monotonic()
+            with pytest.raises(SystemExit) as end:
+                main(arguments)
+            took_s = time.monotonic() - began
+            printed = capsys.readouterr()
+            code = int(end.value.code or 0)
+            done[f"{command} {code}"] = done.get(f"{command} {code}", 0) + 1
+            where = f"case {case} ({name}), {command}"
+            if code not in (0, 1, 2) or "Traceback" in printed.err or "mistake" in printed.err:
+                failures.append(f"{where}: code {code}: {printed.err}")
+            if code == 2 and printed.err.count("\n") != 1:
+                failures.append(f"{where}: more than a line: {printed.err}")
+            if took_s > LONGEST_S:
+                failures.append(f"{where}: {took_s:.1f} s")
+            if command == "verify" and code == 0 and not equal(source, file):
+                failures.append(f"{where}: called right, and is another")
+            for left in ("table.csv", f"again{file.suffix}"):
+                (tmp_path / left).unlink(missing_ok=True)
+            if (tmp_path / "both").exists():
+                for part in (tmp_path / "both").iterdir():
+                    part.unlink()
+                (tmp_path / "both").rmdir()
+    peak_mib = max(
+        resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
+    print(kind, done, f"{peak_mib:.0f} MiB")
+    assert failures == []
+    assert peak_mib < MOST_MIB
+
+
+def test_the_whole_one_is_right_and_equal_to_itself(whole: Path) -> None:
+    for kind in ("mcap", "rrd"):
+        assert verify(whole / f"run.{kind}").right
+        assert equal(whole / f"run.{kind}", whole / f"run.{kind}")
