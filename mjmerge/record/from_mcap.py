@@ -5,8 +5,10 @@ A file that was cut off or damaged is read up to the first record that cannot be
 
 from __future__ import annotations
 
+import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,6 +55,55 @@ def mcap_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
                     return
 
 
+@contextmanager
+def sound(path: Path) -> Iterator[Path]:
+    """An MCAP that other readers can be given: the file, or a copy of what in it can be read.
+
+    They take for granted what a damaged file says of its sizes, and may take the process down.
+    """
+    from mcap.writer import Writer
+
+    found, file = Found(), McapFile(path)
+    channels = _Channels(found)
+    for record in file.read():
+        _look(found, channels, record)
+    if file.finished and not (file.fault or file.flaws or found.flaws):
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "sound.mcap"
+        with copy.open("wb") as out:
+            writer, given, channels = Writer(out), {}, _Channels(Found())
+            writer.start()
+            for record in McapFile(path).read():
+                if not _look(Found(), channels, record):
+                    continue
+                if record.channel not in given:
+                    topic, schema = channels.described(record)
+                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    given[record.channel] = writer.register_channel(topic, "protobuf", number)
+                writer.add_message(given[record.channel], record.time_ns, record.data, record.published_ns)
+            writer.finish()
+        yield copy
+
+
+def _look(found: Found, channels: _Channels, record: Any) -> bool:
+    """Takes note of schemas and channels; whether a message can be decoded, which is a flaw if not."""
+    if isinstance(record, Schema | Channel):
+        channels.add(record)
+    if not isinstance(record, Message) or channels.topic(record) is None:
+        return False
+    if record.time_ns > _LATEST_NS:
+        found.flaws.append(f"a message of the time {record.time_ns} ns")
+        return False
+    try:
+        channels.decoded(record)
+    except DecodeError as error:
+        found.flaws.append(str(error))
+        return False
+    return True
+
+
 class _Channels:
     """Which channel carries what."""
 
@@ -65,6 +116,7 @@ class _Channels:
         self._schemas: dict[int, Schema] = {}
         self._topics: dict[int, str] = {}
         self._decoders: dict[int, Decode] = {}
+        self._described: dict[int, Schema] = {}
         ours = {topic: f"{schema.PACKAGE}.{message}" for topic, message in schema.kinds().items()}
         self._kinds = _DRAWN | ours
 
@@ -92,10 +144,15 @@ class _Channels:
                 self._found.flaws.append(f"the schema of {record.topic} cannot be read")
             else:
                 self._topics[record.id], self._decoders[record.id] = record.topic, decode
+                self._described[record.id] = described
 
     def topic(self, message: Message) -> str | None:
         """Topic of a message; ``None`` of one that nobody can read."""
         return self._topics.get(message.channel)
+
+    def described(self, message: Message) -> tuple[str, Schema]:
+        """Topic and schema of a message that can be read."""
+        return self._topics[message.channel], self._described[message.channel]
 
     def decoded(self, message: Message) -> Any:
         """A message.

@@ -15,6 +15,7 @@ import rerun.chunk as rc
 from mjmerge.errors import OutputError, UnreadableError
 from mjmerge.record import layout, plots, report
 from mjmerge.record.attached import compiled
+from mjmerge.record.from_mcap import sound
 from mjmerge.record.mcap import WORLD
 from mjmerge.record.read import read
 from mjmerge.record.scene import DRAWN_EVERY_S, Scene, closeness
@@ -48,6 +49,8 @@ def write_view(mcap: Path, rrd: Path) -> None:
     if rrd.exists():
         raise OutputError(f"{rrd} exists; recordings are not overwritten")
     found = read(mcap)
+    if not found.columns or not len(found.ticks):
+        raise UnreadableError(mcap, "there is not a whole tick in it")
     model = compiled(mcap, found.world_xml)
     scenario = found.scenario()
     scene = Scene(model, scenario.law.r_m)
@@ -56,7 +59,8 @@ def write_view(mcap: Path, rrd: Path) -> None:
     stream.save(rrd, default_blueprint=blueprint)
     stream.send_recording_name(mcap.name)
     try:
-        stream.send_chunks(rc.McapReader(mcap, timeline_type="duration_ns", recover=True).stream())
+        with sound(mcap) as readable:
+            stream.send_chunks(rc.McapReader(readable, timeline_type="duration_ns").stream())
     except (OSError, ValueError, RuntimeError) as error:
         raise UnreadableError(mcap, "Rerun makes nothing of it") from error
     stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

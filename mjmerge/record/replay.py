@@ -15,7 +15,7 @@ import numpy as np
 
 from mjmerge import share
 from mjmerge.contract import judge
-from mjmerge.errors import MjmergeError, UnreadableError
+from mjmerge.errors import MjmergeError, UnknownNameError, UnreadableError
 from mjmerge.loader import data_sheet
 from mjmerge.record.attached import compiled
 from mjmerge.record.check import differing
@@ -183,8 +183,10 @@ def _other_world(found: Recorded, scenario: Scenario) -> bool | None:
     try:
         sheets = tuple(data_sheet(getattr(scenario.models, car)) for car in CARS)
         world = build(scenario)
-    except MjmergeError:
+    except UnknownNameError:
         return None
+    except MjmergeError:  # they are here, and no longer what they must be
+        return True
     sized = tuple(sheet.sized(scenario.models.size) for sheet in sheets)
     return found.world_xml != world.xml or found.sheets() != sized
 

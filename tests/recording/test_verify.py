@@ -17,9 +17,11 @@ from mjmerge.errors import UnreadableError
 from mjmerge.loader import load
 from mjmerge.record.digest import digests
 from mjmerge.record.read import Recorded, read
+from mjmerge.record.replay import replay
 from mjmerge.record.verify import Verified, verify
 from mjmerge.run import run
 from mjmerge.trace import Array
+from tests.recording import rewrite
 from tests.recording.forge import Forger
 
 KINDS = ("mcap", "rrd")
@@ -243,3 +245,44 @@ def test_a_truthful_recording_stays_right_whatever_becomes_of_its_models(
         assert edited != sheet
         (mine / "datasheet.yaml").write_text(edited)
     assert verify(folder / f"run.{kind}").right
+
+
+@pytest.mark.parametrize("change", ["gone", "edited"])
+def test_a_car_of_ones_own_is_replayed_from_the_attached_world_and_sheet(tmp_path: Path, change: str) -> None:
+    models = tmp_path / "models"
+    shutil.copytree(share.folder("models"), models)
+    mine = (models / "rc").rename(models / "mine")
+    (mine / "rc.xml").rename(mine / "mine.xml")
+    folder = record(tmp_path / "run", "mujoco", 0.4, models=f"models.ego={mine}")
+    if change == "gone":
+        shutil.rmtree(models)
+    else:
+        mjcf = (mine / "mine.xml").read_text()
+        (mine / "mine.xml").write_text(mjcf.replace('rgba="', 'rgba="0', 1))
+        sheet = (mine / "datasheet.yaml").read_text()
+        edited = re.sub(r"(?m)^steer_limit_rad:.*", "steer_limit_rad: 0.5", sheet)
+        (mine / "datasheet.yaml").write_text(edited)
+    again = replay(folder / "run.mcap")
+    assert again.same
+    assert again.other_world is (None if change == "gone" else True)
+    assert "attached" in again.lines()[-1]
+
+
+def test_a_shipped_world_that_was_changed_is_a_contradiction(recorded, tmp_path: Path) -> None:
+    world = read(recorded("mujoco") / "run.mcap").world_xml
+    other = world.replace("0.16 0.62 0.33", "0.83 0.62 0.33", 1)
+    assert other != world
+    path = rewrite.mcap(
+        recorded("mujoco") / "run.mcap", tmp_path / "red.mcap", attachments={"world.xml": other.encode()}
+    )
+    assert {"fingerprints", "drawing"} <= wrong(verify(path))
+    again = replay(path)
+    assert again.differences == ()
+    assert not again.same
+
+
+def test_what_does_not_follow_from_the_file_is_listed(recorded) -> None:
+    last = verify(recorded("points") / "run.mcap").checks[-1]
+    assert (last.name, last.right) == ("not derived", None)
+    assert "how hard contacts were" in last.says
+    assert "replay" in last.says
