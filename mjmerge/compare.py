@@ -56,7 +56,6 @@ class Side:
 
         Raises:
             UnreadableError: there is no run in it.
-            ScenarioError: its scenario is none that this version can run.
         """
         trace = recorded.trace()
         (verdict,) = judge(trace)

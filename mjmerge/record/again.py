@@ -39,7 +39,6 @@ def header(found: Recorded) -> Header:
 
     Raises:
         UnreadableError: there is no world in it, or none that compiles.
-        ScenarioError: its scenario is none that this version can run.
     """
     model = compiled(found.path, found.world_xml)
     return Header(

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from mjmerge.actuation import believed_sheets
 from mjmerge.datasheet import DataSheet
 from mjmerge.document import parse
-from mjmerge.errors import UnreadableError
+from mjmerge.errors import ScenarioError, UnreadableError
 from mjmerge.loader import load
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
@@ -100,13 +100,18 @@ class Recorded:
         """The attached scenario.
 
         Raises:
-            UnreadableError: it is damaged.
-            ScenarioError: it is none that this version can run.
+            UnreadableError: it is damaged, or none that this version can run.
         """
         document = parse(self.scenario_yaml)
         if document.problems or not isinstance(document.value, dict):
             raise UnreadableError(self.path, "its scenario is damaged")
-        scenario = load(document.value, sheets=self.sheets()).named(str(self.manifest["scenario"]))
+        try:
+            scenario = load(document.value, sheets=self.sheets()).named(str(self.manifest["scenario"]))
+        except ScenarioError as error:
+            first, *more = error.problems
+            rest = f", and {len(more)} more problems" if more else ""
+            why = f"its scenario cannot be run: {first.key + ': ' if first.key else ''}{first.message}{rest}"
+            raise UnreadableError(self.path, why) from error
         if scenario.ticks > max(MOST_TICKS, 2 * len(self.ticks)):
             raise UnreadableError(
                 self.path, f"its scenario has {scenario.ticks} ticks; up to {MOST_TICKS} can be read"
@@ -139,8 +144,7 @@ class Recorded:
         """The run as a trace of one simulation, NaN where the file has nothing.
 
         Raises:
-            UnreadableError: a column is missing.
-            ScenarioError: the attached scenario is none that this version can run.
+            UnreadableError: a column is missing, or the scenario is none that this version can run.
         """
         scenario = self.scenario()
         missing = [c.name for c in COLUMNS if c.name not in self.columns]

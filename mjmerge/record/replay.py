@@ -128,7 +128,6 @@ def replay(path: Path, threads: int = 0, progress: Callable[[float], None] | Non
 
     Raises:
         UnreadableError: it is no recording, or has nothing to compare.
-        ScenarioError: its scenario is none that this version can run.
         ModelError: its world is none that this version can run.
     """
     found = read(path)

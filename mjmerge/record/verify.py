@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjmerge.contract import Verdict, judge
-from mjmerge.errors import ScenarioError
 from mjmerge.record.check import Check, checked, some
 from mjmerge.record.claims import claims
 from mjmerge.record.derived import derived, geometry
@@ -72,7 +71,7 @@ def verify(path: Path) -> Verified:
     """Checks a recording.
 
     Raises:
-        UnreadableError: it is no recording, or it does not even say what the run was.
+        UnreadableError: it is no recording, does not even say what the run was, or was one of another version.
     """
     found = read(path)
     checks: list[Check] = []
@@ -96,11 +95,7 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     yield _versions(found)
     if not columns.right:
         return
-    try:
-        trace = found.trace()
-    except ScenarioError as error:
-        yield Check("scenario", False, str(error))
-        return
+    trace = found.trace()
     yield _manifest(found, trace)
     yield (time := _time(found, trace))
     if not time.right and np.isnan(trace.front_m[0, :, 0, 0]).all():
