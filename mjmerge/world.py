@@ -26,6 +26,7 @@ from mjmerge import car_checks, car_controls, car_joints, car_names, car_sizes, 
 from mjmerge.bounds import MOST_DASHES
 from mjmerge.car import Car
 from mjmerge.car_file import CarFile
+from mjmerge.contained import contained
 from mjmerge.datasheet import DataSheet
 from mjmerge.delay import asked_s, steps_late
 from mjmerge.errors import ModelError
@@ -295,9 +296,9 @@ def compose(
             nsample=substeps,
         )
 
-    xml = root.to_xml_string()
     try:
-        model = mujoco.MjModel.from_xml_string(xml, root.get_assets())
+        xml = contained(root.to_xml_string(), root.get_assets())
+        model = mujoco.MjModel.from_xml_string(xml)
     except ValueError as error:
         raise ModelError(_why(error, files)) from error
     asked = {
