@@ -97,10 +97,29 @@ def _look(found: Found, channels: _Channels, record: Any) -> bool:
         found.flaws.append(f"a message of the time {record.time_ns} ns")
         return False
     try:
-        channels.decoded(record)
-    except DecodeError as error:
+        message = channels.decoded(record)
+        if channels.topic(record) in ("/log", "/phases"):
+            type(message).Level.Name(message.level)
+    except (DecodeError, ValueError) as error:
         found.flaws.append(str(error))
         return False
+    if channels.topic(record) != "/scene" and not _complete(message):
+        found.flaws.append(f"{channels.topic(record)} has a message that lacks a part")
+        return False
+    return True
+
+
+def _complete(message: Any) -> bool:
+    """Whether a message has all the messages that are to be in it."""
+    for field in message.DESCRIPTOR.fields:
+        if field.message_type is None:
+            continue
+        value = getattr(message, field.name)
+        if field.is_repeated:
+            if not all(map(_complete, value)):
+                return False
+        elif not (message.HasField(field.name) and _complete(value)):
+            return False
     return True
 
 

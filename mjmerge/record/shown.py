@@ -26,7 +26,7 @@ from mjmerge.record.scene import Scene
 
 _DRAWS = ("mjmerge", "rerun-sdk", "foxglove-sdk", "mujoco")
 """Packages of whose versions it depends how something is drawn."""
-_RELATIVE, _ABSOLUTE = 1e-5, 1e-6  # shapes are float32, and meshes are placed by an eigenvalue problem
+_RELATIVE, _ABSOLUTE = 1e-6, 1e-7  # shapes are float32, and meshes are placed by an eigenvalue problem
 Contents = dict[str, list[Any]]
 """What is shown, by topic or entity and component: one entry per time."""
 
@@ -55,7 +55,7 @@ def shown(found: Recorded, about: Header, scene: Scene) -> Iterator[Check]:
     wrong += [
         f"{name} is drawn otherwise"
         for name in sorted(ours.keys() & theirs.keys())
-        if not _same(ours[name], theirs[name])
+        if not alike(ours[name], theirs[name])
     ]
     made, here = found.manifest["versions"], versions()
     if wrong and any(made.get(name) != here.get(name) for name in _DRAWS):
@@ -115,7 +115,7 @@ def contents(path: Path, kind: str) -> Contents:
 def _mcap(path: Path) -> Contents:
     """What is drawn in an MCAP."""
     found: Contents = {}
-    for topic in ("/scene", "/tf"):
+    for topic in ("/scene", "/tf", "/log", "/phases"):
         some = [(at, _plain(message)) for at, message in mcap_messages(path, topic)]
         found[topic] = sorted(some, key=_order)
     return found
@@ -169,7 +169,7 @@ def _rrd(path: Path) -> Contents:
     return found
 
 
-def _same(ours: Any, theirs: Any) -> bool:
+def alike(ours: Any, theirs: Any) -> bool:
     """Whether two contents are equal, numbers to the last digits of float32."""
     if isinstance(ours, float) and isinstance(theirs, float):
         if ours == theirs or (ours != ours and theirs != theirs):
@@ -178,5 +178,5 @@ def _same(ours: Any, theirs: Any) -> bool:
     if isinstance(ours, list | tuple) and isinstance(theirs, list | tuple):
         if len(ours) != len(theirs):
             return False
-        return all(map(_same, ours, theirs))
+        return all(map(alike, ours, theirs))
     return bool(type(ours) is type(theirs) and ours == theirs)

@@ -71,7 +71,7 @@ def verify(path: Path) -> Verified:
     """Checks a recording.
 
     Raises:
-        UnreadableError: it is no recording, does not even say what the run was, or was one of another version.
+        UnreadableError: it is no recording, does not even say what the run was, or is another version's.
     """
     found = read(path)
     checks: list[Check] = []

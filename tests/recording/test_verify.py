@@ -15,6 +15,7 @@ import pytest
 from mjmerge import share
 from mjmerge.errors import UnreadableError
 from mjmerge.loader import load
+from mjmerge.record.again import header
 from mjmerge.record.digest import digests
 from mjmerge.record.read import Recorded, read
 from mjmerge.record.replay import replay
@@ -286,3 +287,32 @@ def test_what_does_not_follow_from_the_file_is_listed(recorded) -> None:
     assert (last.name, last.right) == ("not derived", None)
     assert "how hard contacts were" in last.says
     assert "replay" in last.says
+
+
+def test_a_car_with_a_mesh_in_a_file_is_recorded_with_its_vertices(tmp_path: Path) -> None:
+    models = tmp_path / "models"
+    shutil.copytree(share.folder("models"), models)
+    mine = (models / "rc").rename(models / "mine")
+    corners = np.array([[0.1, 0, 0.1], [0.2, 0, 0.1], [0.1, 0.07, 0.1], [0.1, 0, 0.16]], np.float32)
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    triangles = [
+        np.concatenate([np.zeros(3), corners[list(f)].ravel()]).astype("<f4").tobytes() for f in faces
+    ]
+    stl = bytes(80) + len(faces).to_bytes(4, "little") + b"".join(t + b"\0\0" for t in triangles)
+    (mine / "spoiler.stl").write_bytes(stl)
+    mjcf = (mine / "rc.xml").read_text()
+    at = mjcf.rindex("<", 0, mjcf.index('name="body"'))
+    mjcf = mjcf[:at] + '<geom type="mesh" mesh="spoiler" material="paint"/>' + mjcf[at:]
+    asset = '<asset><mesh name="spoiler" file="spoiler.stl"/></asset>'
+    mjcf = mjcf.replace("<worldbody>", f"{asset}<worldbody>", 1)
+    (mine / "rc.xml").unlink()
+    (mine / "mine.xml").write_text(mjcf)
+    folder = record(tmp_path / "run", "mujoco", 0.3, models=f"models.ego={mine}")
+    shutil.rmtree(models)
+    found = read(folder / "run.mcap")
+    assert "file=" not in found.world_xml
+    mesh = header(found).model.mesh("ego/spoiler")
+    assert (mesh.vertnum[0], mesh.facenum[0]) == (4, 4)
+    for kind in KINDS:
+        assert verify(folder / f"run.{kind}").right
+    assert replay(folder / "run.mcap").same
