@@ -6,6 +6,7 @@ own (``python -m mjmerge.video``), with EGL if that works here and with OSMesa o
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -20,9 +21,10 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.errors import MjmergeError
+from mjmerge.errors import MjmergeError, WorkerError
 from mjmerge.figures import words
 from mjmerge.metrics import INTENT, merged_at_s
+from mjmerge.outputs import no_room
 from mjmerge.record.convert import whole
 from mjmerge.trace import NEIGHBOURS, Array, Trace
 
@@ -35,7 +37,7 @@ Camera = Literal["chase", "overhead"]
 Picture = NDArray[np.uint8]
 
 _BACKENDS = ("egl", "osmesa")
-_FAILED = 4  # exit code of the process that draws
+_FAILED, _NO_ROOM = 4, 5  # exit codes of the process that draws
 _ADVICE = """\
 cannot draw off-screen here: neither EGL nor OSMesa works. Install one of them:
   Debian, Ubuntu:  apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri   (or: libosmesa6)
@@ -143,9 +145,18 @@ def _draw_elsewhere(
         process.wait()
         complaints.seek(0)
         said = complaints.read().strip()
-    if process.returncode == 0:
+    code = process.returncode
+    if code == 0:
         return None
-    return (said or f"exit code {process.returncode}").splitlines()[-1] if began else ""
+    if not began:
+        return ""
+    if code == _NO_ROOM:
+        raise OSError(errno.ENOSPC, said)
+    if code < 0:
+        raise WorkerError(f"the process that draws was ended by signal {-code}: out of memory?")
+    if code != _FAILED:
+        raise RuntimeError(f"the process that draws ended with {code}:\n{said}")
+    return said.splitlines()[-1]
 
 
 def main(arguments: list[str]) -> int:
@@ -164,6 +175,11 @@ def main(arguments: list[str]) -> int:
     except MjmergeError as error:
         sys.stderr.write(" ".join(str(error).split()) + "\n")
         return _FAILED
+    except OSError as error:
+        if not no_room(error):
+            raise
+        sys.stderr.write(error.strerror or "no space left")
+        return _NO_ROOM
     return 0
 
 

@@ -217,3 +217,33 @@ def test_what_a_file_says_cannot_move_the_cursor(capsys):
     assert code == 2
     assert "\x1b" not in err
     assert "\\x1b[2Jgone.yaml" in err
+
+
+@pytest.mark.parametrize(
+    ("ends", "says"),
+    [
+        ("echo 'cannot read it: so' >&2; exit 4", "mjmerge: the video was not made: cannot read it: so"),
+        (
+            "echo 'No space left on device' >&2; exit 5",
+            "mjmerge: cannot write run.mp4: No space left on device",
+        ),
+        ("kill -9 $$", "mjmerge: the process that draws was ended by signal 9: out of memory?"),
+        (
+            "echo 'KeyError: 3' >&2; exit 1",
+            "mjmerge: a mistake of mjmerge, not of yours: RuntimeError in mjmerge/video",
+        ),
+    ],
+)
+def test_however_the_process_that_draws_ends_the_command_says_what_that_means(
+    capsys, tmp_path, monkeypatch, ends, says
+):
+    pytest.importorskip("av")
+    draws = tmp_path / "draws"
+    draws.write_text(f"#!/bin/sh\necho 0.0\n{ends}\n")
+    draws.chmod(0o755)
+    (tmp_path / "run.mcap").touch()
+    monkeypatch.setattr(sys, "executable", str(draws))
+    code, _, err = here(capsys, "video", "run.mcap")
+    assert err.startswith(says)
+    assert (code, err.count("\n")) == (2 if "exit 4" in ends else 3, 1)
+    assert not list(tmp_path.glob("*.mp4*"))
