@@ -89,10 +89,10 @@ CAMPAIGN = {
         {
             "scenarios": ["short.yaml"],
             "plants": ["double_integrator", "bicycle"],
-            "variants": ["literal", "gated"],
+            "variants": ["gated"],
             "set": {"law.eps_1": 0.4},
             "mismatches": {"late": {"mismatch.command_delay_s": 0.02}},
-            "grid": {"law.k_o": [0.5, 1.0], "mismatch.position_noise_m": [0.0, 0.01]},
+            "grid": {"law.k_o": [0.5, 1.0], "mismatch.position_noise_m": [0.01]},
             "random": {
                 "draws": 2,
                 "seed": 3,
