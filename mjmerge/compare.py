@@ -57,7 +57,7 @@ class Side:
         Raises:
             UnreadableError: there is no run in it.
         """
-        trace = recorded.trace()
+        trace = recorded.run()
         (verdict,) = judge(trace)
         return cls(recorded, trace, verdict, summary(trace, [verdict], 1.0))
 

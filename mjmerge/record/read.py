@@ -140,6 +140,17 @@ class Recorded:
             "manifest.json": canonical(self.manifest),
         }
 
+    def run(self) -> Trace:
+        """The same as :meth:`trace` of a file that has something of the run.
+
+        Raises:
+            UnreadableError: there is no tick in it, or none at a time of its scenario.
+        """
+        trace = self.trace()
+        if np.isnan(trace.front_m[0, :, 0, 0]).all():
+            raise UnreadableError(self.path, "none of its ticks is at a time of its scenario")
+        return trace
+
     def trace(self) -> Trace:
         """The run as a trace of one simulation, NaN where the file has nothing.
 

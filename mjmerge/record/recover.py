@@ -50,7 +50,7 @@ def recover(path: Path, out: Path) -> Recorded:
     about = header(found)
     scene = Scene(about.model, about.scenario.law.r_m)
     block = posed(found, about, scene)
-    trace = found.trace()
+    trace = found.run()
     missing = np.flatnonzero(np.isnan(trace.front_m[0, :, 0, 0]))
     if missing.size and not trace.stops:
         trace = replace(trace, stops=(Stop(0, float(trace.time_s[missing[0]]), "ego", CUT_OFF),))

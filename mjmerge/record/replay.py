@@ -148,8 +148,11 @@ def replay(path: Path, threads: int = 0, progress: Callable[[float], None] | Non
     ran = int(known.sum())
     cut_off = any(stop["reason"] == CUT_OFF for stop in (found.summary or {}).get("stops", ()))
     whole = found.verdict is not None and not cut_off
-    lengths = (len(found.ticks), ran) if whole and len(found.ticks) != ran else None
-    inside = found.ticks < scenario.ticks
+    inside = (found.ticks >= 0) & (found.ticks < scenario.ticks)
+    if not inside.any():
+        raise UnreadableError(path, "none of its ticks is at a time of its scenario")
+    odd = len(found.ticks) != ran or not inside.all()
+    lengths = (int(inside.sum()), ran) if whole and odd else None
     differences = []
     for column in COLUMNS:
         there = found.columns[column.name][inside]

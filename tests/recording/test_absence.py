@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from mjmerge.compare import Side
 from mjmerge.errors import UnreadableError
 from mjmerge.loader import load
 from mjmerge.record.read import read
+from mjmerge.record.replay import replay
 from mjmerge.record.verify import Verified, verify
 from mjmerge.run import run
 from tests.recording import rewrite
@@ -96,6 +98,9 @@ def test_times_outside_the_scenario_are_told(folder: Path, tmp_path: Path) -> No
     found = verify(shifted)
     assert not found.right
     assert "1700000000.00 s" in wrong(found)["time"]
+    for asked in (replay, lambda path: Side.of(read(path))):
+        with pytest.raises(UnreadableError, match="none of its ticks is at a time of its scenario"):
+            asked(shifted)
 
 
 @pytest.mark.parametrize("topic", ["/law", "/car/ego", "/tf", "/scene", "/log", "/phases"])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from mjmerge.loader import car_sheets, dump, load
@@ -23,6 +24,7 @@ from mjmerge.run import run
 from mjmerge.simulate import simulate
 from mjmerge.trace import Array
 from mjmerge.world import build
+from tests.recording import rewrite
 from tests.recording.forge import Forger
 
 STANDS = [
@@ -207,3 +209,53 @@ def test_a_run_under_another_mismatch_than_it_says_only_replay_knows(tmp_path: P
     path = tmp_path / "whole" / "run.mcap"
     assert verify(path).right
     assert not replay(path).same
+
+
+@pytest.mark.parametrize("topic", ["/tf", "/scene", "/log", "/phases"])
+def test_what_foxglove_shows_is_checked(forger, tmp_path: Path, topic: str) -> None:
+    first: dict[str, bytes] = {}
+
+    def the_first_again(of: str, data: bytes) -> bytes:
+        return first.setdefault(of, data) if of == topic else data
+
+    source = forger("crash", "mcap").found.path
+    found = verify(rewrite.mcap(source, tmp_path / "shown.mcap", edit=the_first_again))
+    assert not found.right
+    assert "drawing" in {check.name for check in found.checks if check.right is False}
+
+
+@pytest.mark.parametrize(
+    "component",
+    [
+        "Transform3D:translation",
+        "Boxes3D:half_sizes",
+        "Arrows3D:vectors",
+        "Cylinders3D:colors",
+        "TextLog:text",
+    ],
+)
+def test_what_rerun_shows_is_checked(forger, tmp_path: Path, component: str) -> None:
+    changed: list[str] = []
+
+    def edit(entity: str, batch: pa.RecordBatch) -> pa.RecordBatch:
+        if component not in batch.schema.names or batch.num_rows < 2 - ("half_sizes" in component) or changed:
+            return batch
+        at = batch.schema.get_field_index(component)
+        values = batch.column(at)
+        if batch.num_rows == 1:
+            flat = values.flatten().flatten().to_numpy(zero_copy_only=False) * 2
+            inner = pa.FixedSizeListArray.from_arrays(
+                pa.array(flat, pa.float32()), type=values.type.value_type
+            )
+            new = pa.ListArray.from_arrays(values.offsets, inner, type=values.type)
+        else:
+            new = values.take(pa.array(np.arange(len(values))[::-1]))
+        if new.equals(values):
+            return batch
+        changed.append(entity)
+        return batch.set_column(at, batch.schema.field(at), new)
+
+    source = forger("crash", "rrd").found.path
+    found = verify(rewrite.rrd(source, tmp_path / "shown.rrd", edit=edit))
+    assert changed
+    assert {check.name for check in found.checks if check.right is False} & {"drawing", "poses", "events"}
