@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import signal
 import sys
 import warnings
@@ -69,8 +71,8 @@ def main(argv: list[str] | None = None) -> None:
     file with the details.
     """
     arguments = sys.argv[1:] if argv is None else [*argv]
-    if is_command() and not sys.warnoptions:
-        warnings.simplefilter("ignore")  # a library's words to its programmers
+    if is_command():
+        _hush_libraries()
     with standard() as streams, _signals() as interrupted:
         code = _answer(arguments, interrupted)
         lost = streams.lost
@@ -78,6 +80,14 @@ def main(argv: list[str] | None = None) -> None:
             _say(f"standard output did not take everything: {lost}")
             code = _FAILED
     sys.exit(code)
+
+
+def _hush_libraries() -> None:
+    """What libraries tell their programmers is not for users; ``-W`` and ``RUST_LOG`` bring it back."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+        logging.disable()
+    os.environ.setdefault("RUST_LOG", "off")
 
 
 def _answer(arguments: Sequence[str], interrupted: Event) -> int:

@@ -182,6 +182,11 @@ def nanoseconds(time_s: ArrayLike) -> NDArray[np.int64]:
     return np.rint(np.asarray(time_s, float) * 1e9).astype(np.int64)
 
 
+def _why(error: BaseException) -> str:
+    """What to say of a recorder that broke."""
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+
+
 class Recording:
     """Hands a run to its recorders: ``with Recording(...) as r``, then ``write`` and, once, ``close``.
 
@@ -266,7 +271,7 @@ class Recording:
         except (KeyboardInterrupt, SystemExit):
             raise
         except BaseException as error:  # a panic in a writer made of Rust is no Exception
-            self._failed.setdefault(name, str(error) or type(error).__name__)
+            self._failed.setdefault(name, _why(error))
             self._drop(name)
 
     def _drop(self, name: str) -> None:
