@@ -21,7 +21,8 @@ from mjmerge.record.verify import verify
 from mjmerge.run import run
 from tests.recording.damage import DAMAGES
 
-SHORT, LONG = 16, 1000
+SHORT, LONG = {"mcap": 16, "rrd": 8}, 1000
+"""Recordings per format; an .rrd takes a process more."""
 LONGEST_S, MOST_MIB = 10.0, 1024
 COMMANDS: dict[str, list[str]] = {
     "replay": ["replay", "{file}"],
@@ -71,7 +72,7 @@ def test_damage_is_told_or_refused_and_nothing_else(
     source, file = whole / f"run.{kind}", tmp_path / f"damaged.{kind}"
     done: dict[str, int] = {}
     failures = []
-    for case in range(LONG if long else SHORT):
+    for case in range(LONG if long else SHORT[kind]):
         rng = np.random.default_rng([case, kind == "mcap"])
         name = list(DAMAGES)[case % len(DAMAGES)]
         DAMAGES[name](source, file, rng)
