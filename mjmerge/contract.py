@@ -3,7 +3,8 @@
 The theorem says: from any safe state on, if its hypotheses hold, d_1 and d_2 stay positive. So a run is
 
 - ``held``: safe, and because of the barrier: without it the ideal plant comes to d_j <= 0, or within r and
-  closer by more than a tenth of r;
+  closer by more than a tenth of r (and a run that itself stays further than r away is not one that something
+  else, such as the wind, kept away: with the barrier the ideal stays as far);
 - ``vacuous``: safe, but nothing put the barrier to the test;
 - ``incomplete``: the simulation ended early, or data are missing. Never a pass;
 - ``unresolved``: in continuous time, some d_j fell below what the solver can tell from 0. Never a pass;
@@ -24,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.counterfactual import without_barrier_m
+from mjmerge.counterfactual import with_barrier_m, without_barrier_m
 from mjmerge.hypotheses import OBEYS_WINDOW_S, SEEN, Hypothesis, asked
 from mjmerge.metrics import Collision, Event, collisions
 from mjmerge.state import Array, Mask
@@ -112,13 +113,17 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
         least[safe] = without[safe]
     elif trace.scenario.law.k_o > 0 and safe:
         least[safe] = without_barrier_m(trace, safe)
+    ideal = np.full(trace.runs, np.nan)
+    far = [run for run in safe if _needed(evidence, run, least[run]) and evidence.kept_m(run) >= evidence.r_m]
+    if far:
+        ideal[far] = with_barrier_m(trace, far).min(axis=1)
     floor = trace.scenario.expect.min_distance_m.at_least
     above: Mask = np.all(trace.distance_m >= floor, axis=(1, 2))  # false for NaN: missing data is no pass
     found = []
     for run in range(trace.runs):
         breaches = evidence.breaches(run)
         if run in safe:
-            ruling = _ruling_of_safe(evidence, run, least[run], breaches)
+            ruling = _ruling_of_safe(evidence, run, least[run], float(ideal[run]), breaches)
         else:
             ruling = _ruling_of_other(evidence, run)
         touched = tuple(collisions(trace, run))
@@ -180,6 +185,15 @@ class _Evidence:
         known = not np.isnan(self.trace.distance_m[run]).any()
         return known and run not in self.stops and not self.unsafe[run].any()
 
+    @property
+    def r_m(self) -> float:
+        """The margin r, m."""
+        return self.trace.scenario.law.r_m
+
+    def kept_m(self, run: int) -> float:
+        """The least d_j of a simulation, m."""
+        return float(self.trace.distance_m[run].min())
+
     def breaches(self, run: int) -> tuple[Breach, ...]:
         """What broke, when it did first, in order of time."""
         time_s = self.trace.time_s
@@ -214,7 +228,15 @@ class _Evidence:
         return min(int(ticks[-1]) if ticks.size else 0 for ticks in apart)
 
 
-def _ruling_of_safe(e: _Evidence, run: int, without_m: Array, breaches: tuple[Breach, ...]) -> _Ruling:
+def _needed(e: _Evidence, run: int, without_m: Array) -> bool:
+    """Whether the ideal without the barrier comes to d_j <= 0, or within r and closer than the run."""
+    least = float(without_m.min())
+    return least <= 0 or least < min(e.kept_m(run) - NEEDED * e.r_m, e.r_m)
+
+
+def _ruling_of_safe(
+    e: _Evidence, run: int, without_m: Array, ideal_m: float, breaches: tuple[Breach, ...]
+) -> _Ruling:
     trace, first = e.trace, breaches[0] if breaches else None
     if trace.scenario.law.k_o <= 0:
         return _Ruling(VACUOUS, "safe, but the barrier is off", matters=first, needed=False)
@@ -223,9 +245,13 @@ def _ruling_of_safe(e: _Evidence, run: int, without_m: Array, breaches: tuple[Br
         return _Ruling(VACUOUS, why, matters=first)
     j = int(np.argmin(without_m))
     alone = f"without the barrier the ideal comes to d_{j + 1} = {without_m[j]:.3f} m"
-    kept_m, r = trace.distance_m[run].min(), trace.scenario.law.r_m
-    if without_m[j] > 0 and not without_m[j] < min(kept_m - NEEDED * r, r):
+    if not _needed(e, run, without_m):
         why = f"safe, but not because of the barrier: {alone}"
+        return _Ruling(VACUOUS, why, matters=first, needed=False)
+    if ideal_m < e.kept_m(run) - NEEDED * e.r_m:
+        why = (
+            f"safe, but something else kept it away: with the barrier the ideal comes to d = {ideal_m:.3f} m"
+        )
         return _Ruling(VACUOUS, why, matters=first, needed=False)
     if not _dissipates(trace, run):
         return _Ruling(VACUOUS, "safe, but the barrier did not slow it down", matters=first, needed=False)

@@ -1,4 +1,4 @@
-"""What the barrier is worth in a run: the same scenario on the ideal plant, without it."""
+"""What the barrier is worth in a run: the same scenario on the ideal plant, without it and with it."""
 
 from __future__ import annotations
 
@@ -26,19 +26,31 @@ def unguarded(scenario: Scenario) -> Scenario:
 
 
 def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
-    """How close simulations come on the ideal plant without the barrier: least d_1 and d_2, m, (M, 2).
+    """How close simulations come on the ideal plant without the barrier: least d_1 and d_2, m, (M, 2)."""
+    return _ideal_m(unguarded(trace.scenario), trace, runs)
+
+
+def with_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
+    """How close they come there with it: the same of the scenario as it is."""
+    scenario = trace.scenario.settled().model_copy(update={"mismatch": Mismatch()})
+    return _ideal_m(scenario, trace, runs)
+
+
+def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int]) -> Array:
+    """Least d_1 and d_2 of a scenario on the ideal plant, m, (M, 2).
 
     With the same neighbours, seeds, measurements and dead time, as far as the ideal plant has them;
     simulations that differ in nothing of that share one run. NaN where that run has no data.
 
     Args:
-        trace: what happened with the barrier.
+        scenario: what to run, with nothing different in truth.
+        trace: what happened, and the cases that it happened in.
         runs: which of its simulations, M of them.
     """
     cases: dict[tuple[int, Mismatch], int] = {}
     which = [cases.setdefault(_case(trace, run), len(cases)) for run in runs]
     least = np.full((len(cases), trace.distance_m.shape[2]), np.nan)
-    scenario, distinct = unguarded(trace.scenario), list(cases)
+    distinct = list(cases)
     for first in range(0, len(distinct), _TOGETHER):
         part = slice(first, first + _TOGETHER)
         least[part] = simulate(scenario, IDEAL, cases=distinct[part]).min_distance_m

@@ -119,6 +119,14 @@ def test_a_merge_into_a_gap_wide_open_is_vacuous(plant):
     assert "not because of the barrier" in verdict.reason
 
 
+def test_a_run_that_something_else_kept_away_is_vacuous_and_one_that_a_strong_barrier_kept_away_is_held():
+    slides = verdict_of("charge", "mismatch.friction=0.01", plant="mujoco")
+    assert (slides.verdict, slides.needed) == (VACUOUS, False)
+    assert "something else kept it away" in slides.reason
+    strong = verdict_of("paper", "law.k_o=12", "duration_s=12", plant="bicycle")
+    assert strong.verdict == HELD
+
+
 def test_the_counterfactual_is_the_same_scenario_without_the_barrier_run_by_run():
     scenario = load("flips", ["duration_s=8"])
     noisy = Mismatch(neighbour_position_noise_m=0.01, command_delay_s=0.03)
