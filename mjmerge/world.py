@@ -332,8 +332,12 @@ def attached(
     findings: list[Finding] = []
     for car, sheet in zip(CARS, sheets, strict=True):
         one = Car(model, car, sheet)
-        for check in (car_checks, car_joints, car_controls, car_sizes):
-            findings += check.findings(one)
+        try:
+            for check in (car_checks, car_joints, car_controls, car_sizes):
+                findings += check.findings(one)
+        except KeyError as error:  # in words of MuJoCo's that list every name there is
+            lacks = str(error.args[0]).partition(". ")[0]
+            raise ModelError(f"its world lacks something of {car}: {lacks}") from error
     if problems := told(findings):
         raise ModelError("; ".join(problems))
     return World(model, xml, CARS, tuple(sheets), tyres)

@@ -135,6 +135,13 @@ def summary_of(text: str) -> dict[str, Any] | None:
         return None
     if not isinstance(value, dict):
         raise ContentError("summary.json is not a mapping")
+    for key in ("min_distance_m", "t_min_distance_s"):
+        of_cars = value.get(key, {})
+        if not isinstance(of_cars, dict) or not all(map(_is_number, of_cars.values())):
+            raise ContentError(f"summary.json: {key}: not a number per car")
+    for key in ("min_clearance_m", "floor_m", "merged_at_s"):
+        if not _is_number(value.get(key)):
+            raise ContentError(f"summary.json: {key}: not a number")
     stops = value.get("stops", [])
     if not isinstance(stops, list) or len(stops) > 1:
         raise ContentError("summary.json: stops: not a list of at most one")
@@ -144,6 +151,10 @@ def summary_of(text: str) -> dict[str, Any] | None:
         except ValidationError as invalid:
             raise ContentError(f"summary.json: stops: {_first(invalid)}") from invalid
     return value
+
+
+def _is_number(value: Any) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
 
 
 def texts_of(value: Any, name: str) -> dict[str, str]:

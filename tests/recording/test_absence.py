@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mjmerge.compare import Side
-from mjmerge.errors import UnreadableError
+from mjmerge.errors import MjmergeError, UnreadableError
 from mjmerge.loader import load
 from mjmerge.record.read import read
 from mjmerge.record.replay import replay
@@ -149,6 +149,26 @@ def test_a_manifest_of_wrong_types_is_unreadable_and_says_where(
     rewrite.mcap(folder / "run.mcap", path, attachments={"manifest.json": json.dumps(manifest).encode()})
     with pytest.raises(UnreadableError, match=rf"manifest\.json: {key}"):
         verify(path)
+
+
+@pytest.mark.parametrize("key", ["min_distance_m", "t_min_distance_s", "floor_m", "merged_at_s", "stops"])
+def test_a_summary_of_wrong_types_is_unreadable_and_says_where(
+    folder: Path, tmp_path: Path, key: str
+) -> None:
+    summary = dict(read(folder / "run.mcap").summary or {}) | {key: ["abc"]}
+    path = tmp_path / "summary.mcap"
+    rewrite.mcap(folder / "run.mcap", path, attachments={"summary.json": json.dumps(summary).encode()})
+    with pytest.raises(UnreadableError, match=rf"summary\.json: {key}"):
+        verify(path)
+
+
+def test_a_world_that_lacks_an_actuator_is_not_run(tmp_path: Path) -> None:
+    run(load("paper", ["duration_s=0.1"]), "mujoco", folder=tmp_path / "run")
+    source = tmp_path / "run" / "run.mcap"
+    world = read(source).world_xml.replace("ego/steer_front_right", "ego/steer_fr_nt_right").encode()
+    path = rewrite.mcap(source, tmp_path / "lacks.mcap", attachments={"world.xml": world})
+    with pytest.raises(MjmergeError, match="lacks something of ego"):
+        replay(path)
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "summary.json"])
