@@ -262,6 +262,7 @@ def _simpler(world: Draw, duration_s: float, paper: Law) -> Iterator[tuple[Draw,
         yield world, duration_s - _SLOT_S
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what a step that is not accepted computes does not matter
 def _integrate(worlds: Draw, duration_s: float) -> Outcome:
     """All worlds as one vector equation; the state is p, v, ln z, mu. An unresolved world then rests."""
     law, n = worlds.law, len(worlds.start)

@@ -92,5 +92,5 @@ class Speeds(Driver):
         del leader, drawn
         v, wanted_mps, rate = own.speed_mps, self.profile_mps(time_s), self.rate_mps2(time_s, hold_s)
         gain = min(self.gain_per_s, 1 / hold_s) if hold_s > 0 else self.gain_per_s
-        part = np.clip(v / wanted_mps, 0.0, 1.0) if rate < 0 < wanted_mps else 1.0
+        part = np.clip(v, 0.0, wanted_mps) / wanted_mps if rate < 0 < wanted_mps else 1.0
         return rate * part + gain * (wanted_mps - v)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjmerge.actuation import believed_sheets
+from mjmerge.actuation import Feet, believed_sheets
 from mjmerge.levels import LEVELS, NAMES
 from mjmerge.loader import load
 from mjmerge.mismatch import SENSING, Mismatch
@@ -116,6 +116,8 @@ def same(a, b):
     elif hasattr(a, "__dataclass_fields__"):
         for field in a.__dataclass_fields__:
             same(getattr(a, field), getattr(b, field))
+    elif isinstance(a, Feet):  # it knows its step, and what it is told here
+        assert isinstance(b, Feet)
     else:
         assert a == b
 

@@ -61,7 +61,7 @@ def test_no_random_merge_is_refuted_however_vehicle_2_behaves(long, variant):
 
 
 def test_no_world_in_which_every_hypothesis_holds_is_a_violation(long):
-    found = [outcome for _, outcome in campaign(10_000 if long else 50, 0, 20.0 if long else 6.0)]
+    found = [outcome for _, outcome in campaign(10_000 if long else 50, 0, 12.0 if long else 6.0)]
     assert not np.concatenate([outcome.violated for outcome in found]).any()
     unresolved = np.concatenate([outcome.unresolved for outcome in found])
     assert unresolved.mean() < 0.05

@@ -166,19 +166,21 @@ def test_a_barrier_that_is_not_singular_goes_on_through_the_margin(change):
 
 
 def test_pressed_against_the_margin_the_stiff_equation_is_solved_all_the_same():
-    """The target is ahead of the leader: d decays as exp(-k_p x/k_o) and the barrier's rate is k_o/d."""
-    pressed = load("charge", ["initial.ego.front_m=[-1.524, 0.0]", "law.k_o=0.3", "duration_s=8"])
-    law = pressed.law.model_copy(update={"r_eta_m": 0.0, "r_rho_m": 0.4})
-    still = pressed.drivers.vehicle_2.model_copy(update={"moves": ()})
-    pressed = pressed.model_copy(
-        update={"law": law, "drivers": pressed.drivers.model_copy(update={"vehicle_2": still})}
-    )
+    """The target is behind the leader, the ego ahead: d decays as exp(-k_p x/k_o), and k_o/d is the rate."""
+    ahead = ["initial.ego.front_m=[1.5, 0.0]", "initial.vehicle_2.front_m=[-4.0, 0.0]"]
+    changes = [
+        "law.r_eta_m=0",
+        "law.k_o=0.6",
+        "drivers.vehicle_2={kind: steady, speed_mps: 2.0}",
+        "duration_s=8",
+    ]
+    pressed = load("charge", [*ahead, *changes])
     trace = simulate(pressed, "double_integrator", continuous=True)
     assert not trace.stops
-    d = trace.distance_m[0, :, 0]
+    law, d = pressed.law, trace.distance_m[0, :, 0]
     assert 0 < d[-1] < 1e-5
     e = trace.front_m[0, -200:, 0, 0] - trace.front_m[0, -200:, 1, 0]
-    push = law.k_p * (law.r_rho_m - e)
+    push = law.k_p * (e - law.r_rho_m)
     assert np.gradient(np.log(d[-200:]), 0.01) == pytest.approx(-push / law.k_o, rel=0.02)
 
 

@@ -87,6 +87,7 @@ def pair(make_trace):
         "weight": np.tanh(40 * z),
         "front_m": front,
         "velocity_mps": velocity,
+        "heading_rad": 0.0,
         "u_mps2": u,
         "distance_m": d,
     }

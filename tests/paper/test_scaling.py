@@ -48,7 +48,7 @@ def assert_same_run(scenario, length, plant, tolerance, columns, **how):
 
 
 BICYCLE = [c.name for c in COLUMNS if not re.match(r"torque|clearance|contact", c.name)]
-POINTS = [name for name in BICYCLE if not re.match(r"a_|omega|steer|speed|heading", name)]
+POINTS = [name for name in BICYCLE if not re.match(r"(sensed_)?(a_|omega|steer|speed|heading)", name)]
 
 
 @given(st.sampled_from(NAMES), st.floats(0.05, 100))
