@@ -141,7 +141,7 @@ class Workers:
                     shard, slot = left.pop(), slots.pop()
                     parts[slot] = 0.0
                     at[shard.number] = slot
-                    with _uninterrupted():
+                    with _starting():
                         waiting[pool.submit(_measure, shard, slot)] = shard
                 for future in wait(waiting, _LOOK_S, "FIRST_COMPLETED").done:
                     shard = waiting.pop(future)
@@ -159,8 +159,9 @@ class Workers:
         if self._pool is None:
             self._others = set(active_children())
             context = get_context("spawn")
-            self._parts = context.Array("d", self._count + 1, lock=False)
-            self._pool = ProcessPoolExecutor(self._count, context, _begin, (self._parts,))
+            with _starting():  # Python's own helper, which tidies up after the others
+                self._parts = context.Array("d", self._count + 1, lock=False)
+                self._pool = ProcessPoolExecutor(self._count, context, _begin, (self._parts,))
         return self._pool, self._parts
 
     def close(self) -> None:
@@ -177,13 +178,34 @@ class Workers:
 
 
 @contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Holds Ctrl-C back, for ever in the processes that start meanwhile: it is their parent's to handle."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def _starting() -> Iterator[None]:
+    """Processes start meanwhile; a signal waits until they have: half-started, they fail with a traceback.
+
+    Ctrl-C is held back for ever in the processes that start: it is their parent's to handle.
+    """
+    with _held(signal.SIGTERM), _held(signal.SIGINT):
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _held(number: signal.Signals) -> Iterator[None]:
+    """Handles a signal that comes meanwhile at the end, whichever thread the system gives it to."""
+    before = signal.getsignal(number)
+    if before in (signal.SIG_IGN, None) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came = threading.Event()
     try:
+        signal.signal(number, lambda *_: came.set())
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(number, before)
+        if came.is_set():
+            signal.raise_signal(number)
 
 
 _parts: Any = None  # of a worker process: how far its shards are, shared with its parent

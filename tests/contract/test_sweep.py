@@ -121,6 +121,38 @@ def test_interrupted_it_keeps_what_is_finished_and_says_how_to_go_on(file, tmp_p
     assert len(list((tmp_path / "out" / SHARDS).glob("*.parquet"))) >= 2
 
 
+DISTURBED = """
+import os, signal, sys
+from multiprocessing import util
+from mjmerge.cli import main
+start = util.spawnv_passfds
+def disturbed(path, args, kept_open):
+    pid = start(path, args, kept_open)
+    if any(sys.argv[2] in os.fsdecode(word) for word in args):
+        os.kill(os.getpid(), int(sys.argv[1]))
+    return pid
+util.spawnv_passfds = disturbed
+main(sys.argv[3:])
+"""
+
+
+@pytest.mark.parametrize("process", ["spawn_main", "resource_tracker"])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_stopped_while_a_process_is_half_started_it_ends_without_a_traceback(file, tmp_path, process, number):
+    args = ["sweep", str(file), "--workers", "2", "--out", str(tmp_path / "out")]
+    ended = subprocess.run(
+        [sys.executable, "-c", DISTURBED, str(int(number)), process, *args],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    said = [line for line in ended.stderr.splitlines() if not line.startswith("mjmerge: interrupted")]
+    assert not said, ended.stderr
+    assert ended.returncode == 128 + number
+    assert not (tmp_path / "out" / TABLE).exists()
+
+
 def test_another_campaign_scenario_or_version_in_the_same_folder_is_refused(file, tmp_path, monkeypatch):
     scenario = tmp_path / "mine.yaml"
     scenario.write_text(
