@@ -38,4 +38,14 @@ def leave_quietly() -> None:
         signal.signal(signal.SIGINT, leave)
 
 
+def without_window() -> None:
+    """The command opens no window of MuJoCo's, whose import would start a process to look for a library.
+
+    Half-started, that process says a traceback when the command ends. Videos are drawn by another process.
+    """
+    if is_command():
+        os.environ.setdefault("MUJOCO_GL", "disable")
+
+
 leave_quietly()
+without_window()

@@ -247,3 +247,20 @@ def test_however_the_process_that_draws_ends_the_command_says_what_that_means(
     assert err.startswith(says)
     assert (code, err.count("\n")) == (2 if "exit 4" in ends else 3, 1)
     assert not list(tmp_path.glob("*.mp4*"))
+
+
+def test_the_command_starts_no_process_that_looks_for_a_window():
+    environment = {k: v for k, v in os.environ.items() if k != "MUJOCO_GL"} | {
+        "PYTHONPATH": os.pathsep.join(sys.path),
+    }
+    args = ["-m", "mjmerge", "run", "paper", "--duration", "0.02", "--no-record"]
+    ended = subprocess.run(
+        [sys.executable, "-X", "importtime", *args],
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=60,
+    )
+    imported = {line.rpartition("|")[2].strip() for line in ended.stderr.splitlines()}
+    assert "mujoco" in imported
+    assert "glfw.library" not in imported
