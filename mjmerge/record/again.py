@@ -1,7 +1,8 @@
 """A recording as recorders take it: its header, its ticks and where everything that is drawn was.
 
 From the file alone. Where it has no pose (poses are recorded now and then, and may be cut off before the
-numbers are), the parts of a car are carried along with its front axle from where they were last.
+numbers are), cars that have no bodies are drawn where the columns say. The parts of a physical car are
+carried along with its front axle from where they were last, and its front wheels are steered.
 """
 
 from __future__ import annotations
@@ -14,13 +15,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmerge.actuation import ackermann
 from mjmerge.contract import judge
 from mjmerge.errors import UnreadableError
 from mjmerge.metrics import events
 from mjmerge.phases import phases
+from mjmerge.plant.kinematic import standing
 from mjmerge.record.attached import compiled
 from mjmerge.record.base import Header, Outcome, PosedBlock
 from mjmerge.record.claims import what_follows
+from mjmerge.record.derived import cars_of
 from mjmerge.record.digest import digests
 from mjmerge.record.found import Ticks
 from mjmerge.record.from_mcap import mcap_messages
@@ -28,7 +32,9 @@ from mjmerge.record.from_rrd import rrd_batches, time_ns_of
 from mjmerge.record.read import Recorded
 from mjmerge.record.scene import Frame, Scene
 from mjmerge.scenario import CARS
+from mjmerge.state import Cars
 from mjmerge.trace import COLUMNS, Array, Block, Trace
+from mjmerge.world import STEERED, World
 
 Tracks = dict[str, tuple[Ticks, Array]]
 """By frame: times, ns, (K,), and poses, x y z and then w x y z, (K, 7)."""
@@ -101,9 +107,11 @@ def poses(found: Recorded, about: Header, scene: Scene, rows: NDArray[np.intp]) 
         Origins, m, (D, F, 3), and orientations, w x y z, (D, F, 4).
     """
     known_poses = tracks(found, scene)
-    standing = _standing(about.model)
+    at_rest = _at_rest(about.model)
+    stand = standing_poses(found, about, rows) if about.plant != "mujoco" else {}
     out = np.zeros((len(rows), len(scene.frames), 7))
     front_m, heading_rad = found.columns["front_m"], found.columns["heading_rad"]
+    steered = _steered(found, about)
     for f, frame in enumerate(scene.frames):
         car = _car(frame)
         if car is None:
@@ -118,9 +126,14 @@ def poses(found: Recorded, about: Header, scene: Scene, rows: NDArray[np.intp]) 
         now = (front_m[rows, car], heading_rad[rows, car])
         before = np.zeros((len(rows), 2)), np.zeros(len(rows))
         before[0][there], before[1][there] = front_m[then, car], heading_rad[then, car]
-        last = np.tile(standing[frame.name], (len(rows), 1))
+        last = np.tile(at_rest[frame.name], (len(rows), 1))
         last[there] = track[latest[there]]
-        carried = _carried(last, before, now)
+        steered_rad = np.zeros(len(rows))
+        if frame.name in steered:
+            angle_rad = steered[frame.name]
+            steered_rad = angle_rad[rows]
+            steered_rad[there] -= angle_rad[then]
+        carried = stand[frame.name] if stand else _carried(last, before, now, steered_rad)
         exact = there.copy()
         exact[there] = then == rows[there]
         out[:, f] = np.where(exact[:, None], last, carried)
@@ -148,7 +161,37 @@ def _mark(found: Recorded, frame: Frame, rows: NDArray[np.intp]) -> Array:
     return rounded
 
 
-def _standing(model: mujoco.MjModel) -> dict[str, Array]:
+def _steered(found: Recorded, about: Header) -> dict[str, Array]:
+    """Angles of the wheels that steer, by name, rad, (T,)."""
+    wheelbase_m, track_m = (
+        np.array([getattr(sheet, name) for sheet in about.sheets]) for name in ("wheelbase_m", "track_m")
+    )
+    angles_rad = ackermann(np.nan_to_num(found.columns["steer_rad"]), wheelbase_m, track_m)
+    return {
+        f"{car}/wheel_{wheel}": angles_rad[:, c, w]
+        for c, car in enumerate(CARS)
+        for w, wheel in enumerate(STEERED)
+    }
+
+
+def standing_poses(found: Recorded, about: Header, rows: NDArray[np.intp]) -> dict[str, Array]:
+    """Where everything is on a plant whose cars are drawn from the columns, by frame, (D, 7)."""
+    cars = cars_of(found, found.trace())
+    part = Cars(**{name: values[rows] for name, values in vars(cars).items()})
+    sheets = tuple(sheet.sized(1 / about.scenario.models.size) for sheet in about.sheets)
+    world = World(about.model, found.world_xml, CARS, sheets, about.scenario.mismatch.tyres)
+    block = Block(
+        found.ticks[rows],
+        found.columns["time_s"][rows],
+        {name: found.columns[name][rows] for name in ("front_m", "target_m")},
+        standing(world, part),
+    )
+    scene = Scene(about.model, about.scenario.law.r_m)
+    both = np.concatenate(scene.poses(block, np.arange(len(rows))), axis=-1)
+    return {frame.name: both[:, f] for f, frame in enumerate(scene.frames)}
+
+
+def _at_rest(model: mujoco.MjModel) -> dict[str, Array]:
     """Poses of all bodies seen from below their car's front axle, as the car stands, by name, (7,)."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -162,14 +205,17 @@ def _standing(model: mujoco.MjModel) -> dict[str, Array]:
     return out
 
 
-def _carried(pose: Array, before: tuple[Array, Array], now: tuple[Array, Array]) -> Array:
-    """Poses moved as their front axles moved, from position and heading to position and heading, (D, 7)."""
+def _carried(pose: Array, before: tuple[Array, Array], now: tuple[Array, Array], steered_rad: Array) -> Array:
+    """Poses moved as their front axles moved, from position and heading to position and heading, (D, 7).
+
+    What is steered in between turns by so much more, rad, (D,).
+    """
     turn = now[1] - before[1]
     c, s = np.cos(turn), np.sin(turn)
     x, y = (pose[:, :2] - before[0]).T
     out = pose.copy()
     out[:, 0], out[:, 1] = now[0][:, 0] + c * x - s * y, now[0][:, 1] + s * x + c * y
-    c, s = np.cos(turn / 2), np.sin(turn / 2)
+    c, s = np.cos((turn + steered_rad) / 2), np.sin((turn + steered_rad) / 2)
     qw, qx, qy, qz = pose[:, 3:].T
     out[:, 3:] = np.stack([c * qw - s * qz, c * qx - s * qy, c * qy + s * qx, c * qz + s * qw], axis=1)
     return out

@@ -11,19 +11,17 @@ import numpy as np
 
 from mjmerge.actuation import bicycle_angle
 from mjmerge.errors import UnreadableError
-from mjmerge.plant.kinematic import standing
-from mjmerge.record.again import Tracks, header, poses, tracks
+from mjmerge.record.again import Tracks, header, poses, standing_poses, tracks
 from mjmerge.record.base import Header
 from mjmerge.record.check import Check, checked
-from mjmerge.record.derived import cars_of
 from mjmerge.record.found import Ticks
 from mjmerge.record.read import Recorded
-from mjmerge.record.scene import Scene
+from mjmerge.record.scene import DRAWN_EVERY_S, Scene
 from mjmerge.record.shown import shown
 from mjmerge.scenario import CARS
 from mjmerge.state import PAIRS, Array, norm
 from mjmerge.trace import PAIR_NAMES, Block, Trace
-from mjmerge.world import STEERED, World
+from mjmerge.world import STEERED
 
 _ROUNDED, _PLACED_M = 2e-7, 2e-6
 """Poses are float32: off by this part, and by so much near the origin."""
@@ -34,6 +32,10 @@ _STEERED_RAD = 0.01
 _CLEAR_M, _BETWEEN_M = 5e-4, 0.01
 """What clearances may be off where poses are recorded, and between; beside a part of how the cars move."""
 _BETWEEN = 0.1
+_ROCKS = 0.05
+"""Part of a wheelbase that clearances may be off where a chassis is carried on as it last stood; once there
+was a hit, it may lie in any way."""
+_MOVES_MPS = 1e-3
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def drawn(found: Recorded, trace: Trace) -> Iterator[Check]:
         return
     block = Block(found.ticks, found.columns["time_s"], found.columns, np.empty((len(found.ticks), 0)))
     rows = scene.drawn(block, found.step_s)
-    there = _Drawn(found, trace, about, scene, tracks(found, scene), rows)
+    there = _Drawn(found, trace, about, scene, _compared(found, scene, rows), rows)
     try:
         yield _poses(there)
         if trace.plant == "mujoco":
@@ -73,6 +75,22 @@ def drawn(found: Recorded, trace: Trace) -> Iterator[Check]:
         yield Check("world", False, f"its world lacks {error.args[0]}")
         return
     yield from shown(found, about, scene)
+
+
+def _compared(found: Recorded, scene: Scene, rows: Ticks) -> Tracks:
+    """The poses in the file that the numbers are compared with.
+
+    Of a run that was cut off, numbers and poses end where they happen to: only what there is of both.
+    """
+    there = tracks(found, scene)
+    if found.verdict is not None:
+        return there
+    nothing = np.empty(0, np.int64), np.empty((0, 7))
+    last_ns = found.time_ns[rows[-1]] if len(rows) else -1
+    whole = {frame.name: nothing for frame in scene.frames} | there
+    return {
+        name: (times[times <= last_ns], track[times <= last_ns]) for name, (times, track) in whole.items()
+    }
 
 
 def _poses(there: _Drawn) -> Check:
@@ -84,19 +102,24 @@ def _poses(there: _Drawn) -> Check:
             f"{name} is drawn, and not in the world" if name in there.tracks else f"no poses of {name}"
         )
     late = found.verdict is None  # cut off: poses may end before the numbers do
+    drawn_times = 0
     for frame in there.scene.frames:
         times, _ = there.tracks.get(frame.name, (time_ns, None))
+        drawn_times = max(drawn_times, len(times))
         if not (np.array_equal(times, time_ns[: len(times)]) and (late or len(times) == len(time_ns))):
             wrong.append(f"{frame.name} has poses at other times than {len(time_ns)} ticks of the run")
     if wrong:
         return checked("poses", wrong, "")
-    expected = _ideal(there) if there.trace.plant != "mujoco" else _columns(there)
+    if not drawn_times:
+        return Check("poses", None, "not checked: nothing of this is drawn yet")
+    ideal = there.trace.plant != "mujoco"
+    expected = standing_poses(found, there.about, there.rows) if ideal else _columns(there)
     for name, pose in expected.items():
         times, track = there.tracks[name]
         wrong += _apart(name, track, pose[: len(times)], times / 1e9)
-    if there.trace.plant == "mujoco":
+    if not ideal:
         wrong += _mechanism(there)
-    says = f"{len(there.scene.frames)} things at {len(time_ns)} times, where positions and headings say"
+    says = f"{len(there.scene.frames)} things at {drawn_times} times, where positions and headings say"
     return checked("poses", wrong, says)
 
 
@@ -112,23 +135,6 @@ def _apart(name: str, track: Array, pose: Array, time_s: Any) -> list[str]:
     return [
         f"{name} is drawn elsewhere at {bad.sum()} times, first at {time_s[bad][0]:.2f} s, by {worst:.3g} m"
     ]
-
-
-def _ideal(there: _Drawn) -> dict[str, Array]:
-    """Where everything is on a plant whose cars are drawn from the columns."""
-    cars = cars_of(there.found, there.trace)
-    part = type(cars)(**{name: values[there.rows] for name, values in vars(cars).items()})
-    sheets = tuple(sheet.sized(1 / there.about.scenario.models.size) for sheet in there.about.sheets)
-    world = World(there.about.model, there.found.world_xml, CARS, sheets, there.about.scenario.mismatch.tyres)
-    block = Block(
-        there.found.ticks[there.rows],
-        there.found.columns["time_s"][there.rows],
-        {name: there.found.columns[name][there.rows] for name in ("front_m", "target_m")},
-        standing(world, part),
-    )
-    pos_m, quat = there.scene.poses(block, np.arange(len(there.rows)))
-    both = np.concatenate([pos_m, quat], axis=-1)
-    return {frame.name: both[:, f] for f, frame in enumerate(there.scene.frames)}
 
 
 def _columns(there: _Drawn) -> dict[str, Array]:
@@ -174,7 +180,8 @@ def _mechanism(there: _Drawn) -> list[str]:
         wheels = [f"{car}/wheel_{wheel}" for wheel in STEERED]
         if all(wheel in angles for wheel in wheels):
             sheet = there.about.sheets[c]
-            both = np.stack([angles[wheel] for wheel in wheels], axis=-1)
+            count = min(len(angles[wheel]) for wheel in wheels)
+            both = np.stack([angles[wheel][:count] for wheel in wheels], axis=-1)
             steer = bicycle_angle(both, np.array(sheet.wheelbase_m), np.array(sheet.track_m))
             told = found.columns["steer_rad"][rows[: len(steer)], c]
             wrong += _odd(
@@ -207,6 +214,7 @@ def _bodies(there: _Drawn) -> Check:
     frames = {frame.name: frame for frame in there.scene.frames}
     if not all(name in frames and len(there.tracks[name][0]) for name in chassis):
         return Check("bodies", None, "not checked: no chassis is drawn")
+    carried = np.stack([_carried(there, c) for c in range(len(CARS))], axis=-1)
     picked = there.scene.showing((), [frames[name] for name in chassis])
     pos_m, quat = poses(found, there.about, picked, rows)
     distance_m = _distances(model, pos_m, quat)
@@ -216,6 +224,11 @@ def _bodies(there: _Drawn) -> Check:
     exact = np.zeros(len(rows), bool)
     exact[there.rows] = True
     bound = np.where(exact[:, None], _CLEAR_M, _BETWEEN_M + _BETWEEN * h * moving)
+    long_m = [sheet.wheelbase_m for sheet in there.about.sheets]
+    hit = np.logical_or.accumulate((c["contact_impulse_n_s"] > 0).any(axis=1))
+    rocks_m = np.where(hit, np.inf, _ROCKS * max(long_m))[:, None]
+    anyhow = np.stack([carried[:, a] | carried[:, b] for a, b in PAIRS], axis=-1)
+    bound = np.where(anyhow, _BETWEEN_M + _BETWEEN * h * moving + rocks_m, bound)
     wrong = []
     names = dict(zip(PAIR_NAMES, range(len(PAIR_NAMES)), strict=True))
     impulse, impact = c["contact_impulse_n_s"], c["contact_speed_mps"]
@@ -238,6 +251,24 @@ def _bodies(there: _Drawn) -> Check:
         wrong += _odd(f"contact_speed_mps of {name} is faster than the cars", fast, time_s[1:])
         wrong += _odd(f"contacts of {name} are negative or missing", ~(impulse[:, i] >= 0), time_s)
     return checked("bodies", wrong, "clearances from poses and hulls; contacts where bodies meet")
+
+
+def _carried(there: _Drawn, car: int) -> Any:
+    """Where no pose of a car's chassis was recorded after the last one, (T,).
+
+    In a file that ends early there is none; in one that was made whole it keeps its height to the last bit
+    while the car moves, which no car does by itself.
+    """
+    times, track = there.tracks[f"{CARS[car]}/chassis"]
+    now_ns = there.found.time_ns
+    level = np.flatnonzero(track[:, 2] != track[-1, 2])
+    since_ns = times[level[-1] + 1 if level.size else 0]
+    after = now_ns > since_ns
+    speed = norm(there.found.columns["velocity_mps"][:, car])
+    if not (after.any() and speed[after].max() > _MOVES_MPS):
+        since_ns = times[-1]
+    lasts = now_ns[-1] >= since_ns + 1e9 * DRAWN_EVERY_S  # otherwise its next pose is not due yet
+    return (now_ns > since_ns) & lasts
 
 
 def _distances(model: mujoco.MjModel, pos_m: Array, quat: Array) -> Array:

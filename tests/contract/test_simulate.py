@@ -137,6 +137,7 @@ def test_every_tick_is_there_and_the_first_is_the_initial_state(plant, short_wor
     without_wheels = {"steer_rad", "steer_command_rad", "steer_clipped_rad", "a_mps2", "omega_radps"} | {
         "torque_n_m",
         "torque_clipped_n_m",
+        "sensed_steer_rad",
     }
     unknown = {c.name for c in COLUMNS} - known
     assert unknown <= without_bodies | (without_wheels if plant == "double_integrator" else set())

@@ -10,15 +10,21 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mjmerge.cli import main
+from mjmerge.loader import load
+from mjmerge.record.base import PosedBlock
+from mjmerge.record.mcap import McapRecorder
 from mjmerge.record.read import read
 from mjmerge.record.recover import recover, recovered_name
+from mjmerge.record.rerun import RerunRecorder
 from mjmerge.record.verify import verify
+from mjmerge.run import run
 from mjmerge.trace import BLOCK_S
 
 from .viewer import rerun_cli
@@ -88,6 +94,41 @@ def test_a_killed_run_loses_half_a_second_at_most_and_can_be_recovered(tmp_path:
         for column, values in before.columns.items():
             assert after.columns[column].tobytes() == values.tobytes(), column
         assert rerun(*CHECKED_BY_RERUN[whole.suffix], whole) == ""
+
+
+@pytest.mark.parametrize("kind", ["mcap", "rrd"])
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_wherever_a_file_of_a_run_ends_it_contradicts_nothing(
+    tmp_path: Path, plant: str, kind: str, long: bool
+) -> None:
+    left: list[bytes] = []
+
+    def look(time_s: float) -> None:  # what is on disk, should the run be killed now
+        if time_s > 5.7 and not left:
+            left.append((tmp_path / "a" / f"run.{kind}.partial").read_bytes())
+
+    run(load("charge", ["duration_s=6.6"]), plant, folder=tmp_path / "a", progress=look)
+    parts = np.linspace(0.6, 1.0, 30) if long else [0.9]
+    for k, part in enumerate(parts):
+        path = tmp_path / f"{k}.{kind}.partial"
+        path.write_bytes(left[0][: int(part * len(left[0]))])
+        assert unfinished(path) > 0.4
+        whole = recovered_name(path)
+        recover(path, whole)
+        assert verify(whole).right, (part, verify(whole).checks)
+
+
+def test_a_finished_file_without_the_last_poses_is_wrong(tmp_path: Path, monkeypatch) -> None:
+    def shorter(posed: PosedBlock) -> PosedBlock:
+        most = slice(0, -1)
+        return replace(posed, drawn=posed.drawn[most], pos_m=posed.pos_m[most], quat=posed.quat[most])
+
+    for recorder in (McapRecorder, RerunRecorder):
+        write = recorder.write
+        monkeypatch.setattr(recorder, "write", lambda self, posed, write=write: write(self, shorter(posed)))
+    run(load("paper", ["duration_s=0.3"]), "mujoco", folder=tmp_path / "a")
+    for name in ("run.mcap", "run.rrd"):
+        assert "poses" in [c.name for c in verify(tmp_path / "a" / name).checks if c.right is False]
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
