@@ -92,37 +92,43 @@ def believed_sheets(scenario: Scenario) -> list[DataSheet]:
 
 
 class Feet:
-    """What drivers who mean to stand do that others do not: they feel the slope, and keep the brakes on.
+    """What drivers do who mean to stand, or have stood: they feel the slope, and hold and start on it.
 
-    Where their cars do not slow down as asked, dv/dt = a + f, they ask for a - f, with f found within about
-    :data:`FEEL_S`; without that a car rolls downhill for ever, where braking by -k v balances the slope. Once
-    they stand they ask for nothing.
+    Where their cars do not move as asked, dv/dt = a + f, they ask for a - f, with f found within about
+    :data:`FEEL_S`; without that a car rolls downhill for ever, where braking by -k v balances the slope, and
+    one that is stopped by a hill never goes on. Once they stand they ask for nothing until they mean to go.
+    All others, and the ego's law, ask for what they mean.
     """
 
     def __init__(self, step_s: float) -> None:
         """Args: control step, s."""
         self._step_s = step_s
         self._before: tuple[Array, Array] | None = None
-        self._felt = np.zeros(1)
+        self._felt, self._feels = np.zeros(1), np.zeros(1, dtype=bool)
 
     def __call__(self, speed_mps: Array, a_mps2: Array, stands: Mask) -> Array:
         """What they ask of their cars, m/s^2, (N, C); call it once per control step.
 
         Args:
-            speed_mps: of the cars, (N, C).
+            speed_mps: of the cars, the ego's first, (N, C).
             a_mps2: acceleration that they mean, (N, C).
-            stands: which of them mean to stand, (N, C); the others ask for what they mean.
+            stands: which of them mean to stand, (N, C), never the ego.
         """
         before, self._before = self._before, (speed_mps, a_mps2)
-        if before is None or not stands.any():
+        rests = np.abs(speed_mps) <= CRAWL_MPS
+        self._feels = self._feels | stands
+        self._feels[:, 1:] |= rests[:, 1:]
+        if before is None or not self._feels.any():
             self._felt = np.zeros(stands.shape)
         else:
             off = (speed_mps - before[0]) / self._step_s - before[1]
             counts = np.abs(before[1]) < MOST_FELT_MPS2  # beyond, it is the car or the grip that limits
             more = min(self._step_s / FEEL_S, 1.0) * np.where(counts, off, 0.0)
-            self._felt = np.where(stands, limit(self._felt + more, MOST_FELT_MPS2), 0.0)
-        pressed = np.where(np.abs(speed_mps) > CRAWL_MPS, a_mps2 - self._felt, 0.0)
-        return np.where(stands, pressed, a_mps2)
+            self._felt = np.where(self._feels, limit(self._felt + more, MOST_FELT_MPS2), 0.0)
+        waits = rests & (stands | (np.abs(a_mps2) <= UNMOVED_MPS2))
+        rolls = rests & (a_mps2 * self._felt > 0)  # to where it means to go
+        pressed: Array = np.where(waits, 0.0, a_mps2 - np.where(rolls, 0.0, self._felt))
+        return np.where(self._feels, pressed, a_mps2)
 
 
 def actuate(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mjmerge.actuation import BelievedCars, command
+from mjmerge.actuation import CRAWL_MPS, BelievedCars, command
 from mjmerge.loader import data_sheet, load
 from mjmerge.mismatch import Mismatch
 from mjmerge.plant import make
@@ -53,6 +53,51 @@ def test_a_parked_car_stays_where_it_is_and_does_not_swing(car, tyres, step_s, l
     turned_m = np.ptp(log.heading_rad, axis=1) * world.sheets[0].wheelbase_m
     assert turned_m[:-1].max() < STANDS_M
     assert turned_m[-1] < 2 * STANDS_M  # on a grade and a bank at once it yaws: the van by 1.2 mm in 300 s
+
+
+def test_a_car_that_is_braked_to_a_stand_stays_there(car, long):
+    """As the ego is: by an acceleration, from 1 m/s at 2 m/s^2 on any slope, and then by nothing."""
+    world = single(car)
+    sheet = world.sheets[0]
+    slope = gravity(GRADES, BANKS)[:, 0] * sheet.mass_kg / sheet.effective_mass_kg
+
+    def driver(time_s, cars):
+        moves = cars.speed_mps[:, 0] > CRAWL_MPS
+        return np.where(moves, -2.0 - slope, 0.0), np.zeros(len(GRADES))
+
+    log = drive(
+        world, driver, FOR_S if long else 6.0, np.ones(len(GRADES)), gravity_mps2=gravity(GRADES, BANKS)
+    )
+    after = log.between(4.0, log.time_s[-1])  # when it has stopped rocking on its springs
+    assert in_300_s(np.stack([after.x_m, after.y_m], axis=-1), TICK_S)[:-1].max() < STANDS_M
+
+
+def test_the_ego_comes_to_rest_behind_a_leader_that_stands_and_is_not_moved_by_a_slope(long):
+    """Its law goes on asking for what its distance wants; where that is less than the slope, it stands."""
+    stops = "{kind: speeds, speed_mps: 1.5, changes: [{start_s: 9, rate_mps2: 2, speed_mps: 0}]}"
+    scenario = load("stop_and_go", [f"drivers.vehicle_1={stops}", f"duration_s={FOR_S if long else 20}"])
+    slopes = [Mismatch(grade_rad=grade) for grade in (0.1, -0.1, 0.2, -0.2)]
+    trace = simulate(scenario, "mujoco", cases=[(0, m) for m in slopes])
+    assert not trace.stops
+    at = np.moveaxis(trace.front_m[:, trace.time_s > 18.0], 2, 1)
+    assert in_300_s(at, scenario.control_step_s).max() < STANDS_M
+
+
+def test_a_queue_that_stops_on_a_hill_goes_on_when_it_is_told_and_nobody_is_left_standing():
+    scenario = load("stop_and_go")
+    slopes = [Mismatch(grade_rad=grade) for grade in (0.1, 0.2, -0.2)]
+    trace = simulate(scenario, "mujoco", cases=[(0, m) for m in slopes])
+    assert not trace.stops
+    t, speed = trace.time_s, trace.speed_mps
+    stood = (t > 13.0) & (t < 14.0)
+    assert way_m(trace.front_m[:, stood, 1]).max() < STANDS_M
+    assert speed[:, -1] == pytest.approx(1.5, abs=0.2)
+    starts = (t > 13.9) & (t < 18.0)
+    assert speed[:, starts, 1:].min() > -0.01
+    changes = np.diff(speed[:, starts, 1:], axis=1) / scenario.control_step_s
+    asks, slope = scenario.drivers.vehicle_2.max_acceleration_mps2, G_MPS2 * np.sin(0.2)
+    assert np.abs(changes[:2]).max() < asks
+    assert np.abs(changes[2]).max() < asks + slope  # downhill: the tick in which the brakes let go
 
 
 def test_neighbours_told_to_stand_come_to_rest_and_stay_on_any_slope(car, long):

@@ -121,6 +121,28 @@ def test_who_means_to_stand_and_stands_asks_for_nothing():
     assert feet(v, np.array([[-0.5, -0.5]]), stands).tolist() == [[0.0, -0.5]]
 
 
+def test_who_was_stopped_by_a_hill_presses_until_his_car_goes_as_meant_and_the_law_does_not():
+    """Ego and neighbour ask for 0.5 m/s^2, where the slope takes 2 m/s^2; below that their brakes hold."""
+    feet, v = Feet(H), np.zeros((1, 2))
+    for _ in range(round(3 / H)):
+        before = v
+        asked = feet(v, np.array([[0.5, 0.5]]), np.zeros((1, 2), dtype=bool))
+        v = np.maximum(v + (asked - 2.0) * H, 0.0)
+    assert asked[0, 0] == 0.5
+    assert v[0, 0] == 0.0
+    assert (v - before)[0, 1] / H == pytest.approx(0.5, rel=1e-3)
+
+
+@given(st.floats(-4, 4), st.floats(-2.5, 2.5))
+def test_who_stands_never_presses_against_where_he_means_to_go(a_mps2, slope_mps2):
+    """Reversing down a hill too."""
+    feet, v, means = Feet(H), np.array([[0.0, 1.0]]), np.zeros((1, 2), dtype=bool)
+    for _ in range(200):  # is stopped by the slope
+        v = v + (feet(v, -v, means | [[False, True]]) + slope_mps2) * H
+    asked = feet(np.zeros((1, 2)), np.full((1, 2), a_mps2), means)
+    assert asked[0, 1] * a_mps2 >= 0
+
+
 def road_load(sheet, speed):
     """What air and tyres take at that speed, N."""
     return 1.2 / 2 * sheet.drag_area_m2 * speed**2 + sheet.rolling_resistance * sheet.mass_kg * 9.81
