@@ -115,3 +115,4 @@ class UnreadableError(MjmergeError):
 
     def __init__(self, path: Path, why: str) -> None:
         super().__init__(f"cannot read {path}: {why}")
+        self.why = why

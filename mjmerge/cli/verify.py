@@ -15,7 +15,10 @@ from mjmerge.cli.style import bold
 
 @dataclass(frozen=True)
 class Verify:
-    """Check a recording with nothing but the file. Exit code 0: right; 1: something wrong; 2: unreadable."""
+    """Check a recording with nothing but the file, or a run folder with all its files.
+
+    Exit code 0: right; 1: something wrong; 2: unreadable.
+    """
 
     file: Annotated[Path, tyro.conf.Positional]
     """A .mcap or .rrd file, finished or not, or a run folder."""
@@ -26,10 +29,10 @@ class Verify:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge.record.read import recording
+        from mjmerge.record.folder import verify_run
         from mjmerge.record.verify import table, verify
 
-        found = verify(recording(self.file))
+        found = verify(self.file) if self.file.is_file() else verify_run(self.file)
         if self.json:
             print(json.dumps(found.as_dict()))
         else:

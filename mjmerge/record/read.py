@@ -195,6 +195,8 @@ def recording(path: Path) -> Path:
         for name in _RUN_FILES:
             if (place / name).is_file():
                 return place / name
+        if place.is_dir():
+            raise UnreadableError(path, "there is no recording in that folder")
     raise UnreadableError(path, "there is no recording of that name")
 
 
