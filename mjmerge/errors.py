@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any
 
 
+_LONGEST_NAME = 100  # that a message repeats
+
+
 class MjmergeError(Exception):
     """Root of all errors that a user can cause or act on.
 
@@ -85,7 +88,8 @@ class UnknownNameError(MjmergeError):
     """A name (scenario, model, plant, run folder) that does not exist."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
-        super().__init__(f"no {kind} called {name!r}: {nearest(name, valid)}")
+        called = name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..."
+        super().__init__(f"no {kind} called {called!r}: {nearest(name, valid)}")
 
 
 class BadNameError(MjmergeError):

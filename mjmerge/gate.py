@@ -99,16 +99,19 @@ def rows(places: Sequence[Path]) -> list[Row]:
     """All rows of scenarios, each loaded and checked before any is run.
 
     Args:
-        places: scenario files, or folders of them.
+        places: scenario files, folders of them, or names of shipped scenarios.
 
     Raises:
         MjmergeError: a place is none, or no scenario has a row.
         ScenarioError: a scenario, or one with a row's keys, is not valid; with every problem and its line.
     """
     files: list[Path] = []
+    shipped = share.scenarios()
     for place in places:
-        if not place.exists():
-            raise UnknownNameError("scenario file or folder", str(place), map(str, share.scenarios()))
+        if not os.path.exists(place):  # noqa: PTH110 (Path's raises where a name is too long)
+            if str(place) not in shipped:
+                raise UnknownNameError("scenario, file or folder", str(place), shipped)
+            place = shipped[str(place)]
         files += sorted(place.glob("*.yaml")) if place.is_dir() else [place]
     found = []
     called = labels([str(file) for file in files])

@@ -21,7 +21,7 @@ class Check:
     """Run the regression gate. Exit code 0: floors and baselines hold; 1: not all; 3: a run stopped."""
 
     scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """Scenario files with a gate, or folders of them; by default the shipped ones."""
+    """Scenarios with a gate, by name or file, or folders of them; by default the shipped ones."""
     baselines: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of the baselines; by default baselines/ beside each scenario."""
     only: Annotated[str, tyro.conf.arg(metavar="TEXT")] = ""

@@ -434,3 +434,15 @@ def test_each_row_is_an_item_of_pytest(folder, pytester):
     done.stdout.fnmatch_lines(
         ["*mine.yaml::ideal FAILED*", "*mine.yaml::late PASSED*", "*below the floor of 0.25 m*"]
     )
+
+
+def test_a_scenario_is_meant_by_its_name_too_and_a_typo_is_told_the_nearest(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert gate.rows([Path("charge")]) == gate.rows([share.scenarios()["charge"]])
+    with pytest.raises(
+        MjmergeError, match="no scenario, file or folder called 'chagre': did you mean 'charge'"
+    ):
+        gate.rows([Path("chagre")])
+    with pytest.raises(MjmergeError) as refused:
+        gate.rows([Path("x" * 5000)])
+    assert len(str(refused.value)) < 500
