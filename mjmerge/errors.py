@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-
 _LONGEST_NAME = 100  # that a message repeats
 
 
