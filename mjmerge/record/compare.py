@@ -22,6 +22,7 @@ from mjmerge.record.base import Header, Outcome, PosedBlock
 from mjmerge.record.plots import Color, Line, Plot
 from mjmerge.record.rerun import CHUNK_TICKS
 from mjmerge.record.scene import TARGET, Scene
+from mjmerge.record.stream import new_stream, save
 from mjmerge.record.tell import send_frames, send_levels, send_numbers, still_frames, still_levels
 from mjmerge.trace import NEIGHBOURS
 
@@ -96,8 +97,8 @@ def write_comparison(path: Path, sides: Sequence[Side]) -> None:
         for k, side in enumerate(sides)
     ]
     rr.set_strict_mode(True)
-    stream = rr.RecordingStream(APPLICATION, send_properties=False)
-    stream.save(partial_path, default_blueprint=_blueprint(told))
+    stream = new_stream(APPLICATION)
+    save(stream, partial_path, _blueprint(told))
     stream.send_recording_name(" · ".join(side.label for side in sides))
     report = rr.TextDocument(_report(sides), media_type=rr.MediaType.MARKDOWN)
     stream.log("/run/report", report, static=True)

@@ -123,15 +123,14 @@ def port_of(address: str) -> int:
 
 def _show(source: IO[bytes], port: int) -> None:
     """Tells a viewer what comes out of a pipe."""
-    import rerun as rr
-
     from mjmerge.record import layout
     from mjmerge.record.rerun import Teller
+    from mjmerge.record.stream import new_stream
     from mjmerge.record.tell import still_life
 
     header: Header = pickle.load(source)
     scene = Scene(header.model, header.scenario.law.r_m)
-    stream = rr.RecordingStream(APPLICATION, send_properties=False)
+    stream = new_stream(APPLICATION)
     blueprint = layout.blueprint(header.scenario, scene.paint, live=True)
     stream.connect_grpc(f"rerun+http://{HOST}:{port}/proxy", default_blueprint=blueprint)
     teller = Teller(stream, header, scene, still_life(header, scene))

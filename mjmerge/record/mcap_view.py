@@ -19,6 +19,7 @@ from mjmerge.record.from_mcap import sound
 from mjmerge.record.mcap import WORLD
 from mjmerge.record.read import read
 from mjmerge.record.scene import DRAWN_EVERY_S, Scene, closeness
+from mjmerge.record.stream import new_stream, save
 from mjmerge.record.tell import (
     send_arrows,
     send_discs,
@@ -54,9 +55,9 @@ def write_view(mcap: Path, rrd: Path) -> None:
     model = compiled(mcap, found.world_xml)
     scenario = found.scenario()
     scene = Scene(model, scenario.law.r_m)
-    stream = rr.RecordingStream(APPLICATION, send_properties=False)
+    stream = new_stream(APPLICATION)
     blueprint = layout.blueprint(scenario, scene.paint, timeline=layout.MCAP_TIME)
-    stream.save(rrd, default_blueprint=blueprint)
+    save(stream, rrd, blueprint)
     stream.send_recording_name(mcap.name)
     try:
         with sound(mcap) as readable:

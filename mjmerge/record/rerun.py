@@ -25,6 +25,7 @@ from mjmerge.record import layout, plots, report
 from mjmerge.record.base import WHOLE, Header, Outcome, PosedBlock, join, nanoseconds
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision, manifest
 from mjmerge.record.scene import Scene, closeness
+from mjmerge.record.stream import new_stream, save, send_layout
 from mjmerge.record.tell import (
     Still,
     send_arrows,
@@ -64,9 +65,9 @@ class RerunRecorder:
         self._blueprint = layout.blueprint(header.scenario, scene.paint)
         self._posed: list[PosedBlock] = []
         self._drawn = 0
-        stream = rr.RecordingStream(APPLICATION, send_properties=False)
+        stream = new_stream(APPLICATION)
         self._journal = Journal(path, stream)
-        stream.send_blueprint(self._blueprint, make_active=False)
+        send_layout(stream, self._blueprint)
         self._told = self._teller(stream)
         self._journal.flush()
 
@@ -89,8 +90,8 @@ class RerunRecorder:
         path = self._path.with_name(self._path.name + WHOLE)
         if shutil.disk_usage(path.parent).free < 2 * self._path.stat().st_size:
             raise OutputError(f"the disk of {path.parent} is full")  # Rerun would wait for space for ever
-        stream = rr.RecordingStream(APPLICATION, send_properties=False)
-        stream.save(path, default_blueprint=self._blueprint)
+        stream = new_stream(APPLICATION)
+        save(stream, path, self._blueprint)
         whole = self._teller(stream)
         for posed in self._chunks():
             whole.numbers(posed)

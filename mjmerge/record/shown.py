@@ -81,12 +81,11 @@ def _write(found: Recorded, about: Header, scene: Scene, path: Path) -> None:
         recorder.write(block)
         recorder.close(end)
         return
-    import rerun as rr
-
     from mjmerge.record.rerun import APPLICATION, Teller
+    from mjmerge.record.stream import new_stream
     from mjmerge.record.tell import still_life
 
-    stream = rr.RecordingStream(APPLICATION, send_properties=False)
+    stream = new_stream(APPLICATION)
     stream.save(path)
     teller = Teller(stream, about, scene, still_life(about, scene))
     teller.draw(block)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import json
 import os
@@ -20,6 +21,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import mjmerge.record.schema
+from mjmerge.loader import load
 from mjmerge.record import (
     FORMATS,
     Event,
@@ -31,9 +33,11 @@ from mjmerge.record import (
     open_mcap,
     plots,
 )
+from mjmerge.record.mcap_view import write_view
 from mjmerge.record.read import read, read_mcap, read_rrd
 from mjmerge.record.scene import Scene
 from mjmerge.record.schema import proto_text
+from mjmerge.run import run as run_scenario
 from mjmerge.scenario import CARS
 from mjmerge.trace import COLUMNS, Array, Block
 
@@ -330,3 +334,19 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
 def test_git_revision_is_of_this_checkout_or_none() -> None:
     revision = git_revision()
     assert revision is None or len(revision) >= 12
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux does")
+def test_recordings_comparisons_and_views_that_are_over_leave_no_thread_and_no_file_open(tmp_path) -> None:
+    """Two runs in a folder have run.rrd, run.mcap, median.rrd and compare.rrd."""
+    scenario = load("charge", ["duration_s=0.1", "mismatch.neighbour_position_noise_m=0.01"])
+
+    def open_after(k: int) -> tuple[int, int]:
+        run_scenario(scenario, "bicycle", runs=2, folder=tmp_path / str(k))
+        write_view(tmp_path / str(k) / "run.mcap", tmp_path / str(k) / "view.rrd")
+        gc.collect()
+        return len([*Path("/proc/self/task").iterdir()]), len([*Path("/proc/self/fd").iterdir()])
+
+    first, second, *_, last = [open_after(k) for k in range(6)]
+    assert last <= max(first, second)
+    assert last[1] <= max(first[1], second[1])
