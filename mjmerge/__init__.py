@@ -7,12 +7,12 @@
 """
 
 import mjmerge.interrupts  # noqa: F401  (first: the rest takes its time)
-from mjmerge.contract import Verdict, judge
 from mjmerge.errors import MjmergeError
-from mjmerge.loader import load
-from mjmerge.metrics import events
-from mjmerge.scenario import Scenario
-from mjmerge.simulate import simulate
-from mjmerge.trace import Trace
+from mjmerge.scenario.load import load
+from mjmerge.scenario.schema import Scenario
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import Trace
+from mjmerge.verdict.judge import Verdict, judge
+from mjmerge.verdict.metrics import events
 
 __all__ = ["MjmergeError", "Scenario", "Trace", "Verdict", "events", "judge", "load", "simulate"]

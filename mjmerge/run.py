@@ -13,28 +13,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge import share
-from mjmerge.acceptance import Acceptance, acceptance
-from mjmerge.bounds import check_runs
-from mjmerge.contract import Verdict, judge
-from mjmerge.distinct import random
-from mjmerge.effect import check as check_effect
+from mjmerge.config import shipped
+from mjmerge.config.bounds import check_runs
 from mjmerge.errors import MjmergeError, OutputError
-from mjmerge.loader import car_sheets, dump
-from mjmerge.metrics import events
 from mjmerge.outputs import put
-from mjmerge.phases import phases
 from mjmerge.plant import check
 from mjmerge.record import ENDINGS, FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
-from mjmerge.report import figure, ground, summary, worst_run
-from mjmerge.scenario import CARS, Scenario
-from mjmerge.simulate import simulate
-from mjmerge.trace import Trace
-from mjmerge.world import World, build
+from mjmerge.scenario.distinct import random
+from mjmerge.scenario.effect import check as check_effect
+from mjmerge.scenario.load import car_sheets, dump
+from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import Trace
+from mjmerge.vehicle.acceptance import Acceptance, acceptance
+from mjmerge.verdict.judge import Verdict, judge
+from mjmerge.verdict.metrics import events
+from mjmerge.verdict.phases import phases
+from mjmerge.verdict.summary import figure, ground, summary, worst_run
+from mjmerge.world.compose import World, build
 
 if TYPE_CHECKING:
-    from mjmerge.record.compare import Side
-    from mjmerge.record.live import Live
+    from mjmerge.record.rerun.live import Live
+    from mjmerge.record.rerun.side_by_side import Side
 
 FILES = (
     *FORMATS,
@@ -123,7 +123,7 @@ def run(
     check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
     check_effect(scenario, plant, continuous=continuous)
     if continuous:
-        from mjmerge.continuous import check as check_continuous  # scipy takes its time to import
+        from mjmerge.simulation.continuous import check as check_continuous  # scipy takes its time to import
 
         check_continuous(plant)
     shown = live is not None or (folder is not None and record)
@@ -185,7 +185,7 @@ def run(
 def _accepted(scenario: Scenario, plant: str) -> list[Acceptance]:
     """What is known of the physical car models that a run is about; nothing where there are none."""
     names = dict.fromkeys(getattr(scenario.models, car) for car in CARS) if plant == "mujoco" else {}
-    return [acceptance(share.model_folder(name)) for name in names]
+    return [acceptance(shipped.model_folder(name)) for name in names]
 
 
 def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
@@ -232,7 +232,7 @@ def _record_selected(folder: Path, trace: Trace, verdicts: Sequence[Verdict], wo
         formats = FORMATS if name == "run" else {f"{name}.rrd": open_rrd}
         failures += _record_again(folder, trace, run, world, formats)
     if trace.plant != IDEAL:
-        from mjmerge.record.compare import write_comparison  # Rerun takes its time to import
+        from mjmerge.record.rerun.side_by_side import write_comparison  # Rerun takes its time to import
 
         seed = int(trace.seeds[worst_run(trace)])
         try:
@@ -261,7 +261,7 @@ def _record_again(
 
 def _side(trace: Trace, plant: str, seed: int, world: World) -> Side:
     """One simulation, as a side of a comparison."""
-    from mjmerge.record.compare import Side
+    from mjmerge.record.rerun.side_by_side import Side
 
     scenario = trace.scenario
     continuous = trace.continuous and plant != "mujoco"

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge import share
 from mjmerge.cli.options import Count, Flag, at_least
 from mjmerge.cli.progress import progress_bar
+from mjmerge.config import shipped
 from mjmerge.errors import MjmergeError
 from mjmerge.outputs import put
 
@@ -39,11 +39,11 @@ class Check:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge import gate
-        from mjmerge.report import gate_failure, gate_json, gate_junit, gate_table
+        from mjmerge.gate import gate
+        from mjmerge.verdict.summary import gate_failure, gate_json, gate_junit, gate_table
 
         at_least(0, threads=self.threads)
-        places = self.scenarios or (share.folder("scenarios"),)
+        places = self.scenarios or (shipped.folder("scenarios"),)
         rows = [r for r in gate.rows(places) if self.only in f"{r.label}, {r.check.name}"]
         if not rows:
             raise MjmergeError(f"no row of the gate has {self.only!r} in its name")

@@ -27,8 +27,8 @@ class Convert:
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
-        from mjmerge.record.convert import to_csv, to_parquet
         from mjmerge.record.read import read, recording
+        from mjmerge.review.convert import to_csv, to_parquet
 
         if not self.csv and not self.parquet:
             raise MjmergeError("say what to write: --csv, --parquet or both")

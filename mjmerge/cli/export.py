@@ -25,8 +25,8 @@ class Export:
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
-        from mjmerge.loader import load
-        from mjmerge.world import build
+        from mjmerge.scenario.load import load
+        from mjmerge.world.compose import build
 
         xml = build(load(self.scenario, self.set_)).xml
         if self.out is None:

@@ -9,10 +9,10 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge import share
 from mjmerge.cli.options import Flag
 from mjmerge.cli.progress import progress_bar
 from mjmerge.cli.style import bold, plain
+from mjmerge.config import shipped
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,15 @@ class Identify:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge import identified
-        from mjmerge.acceptance import store
-        from mjmerge.identify import identify
-        from mjmerge.places import identified_folder
+        from mjmerge.cli.places import identified_folder
+        from mjmerge.proving import report as identified
+        from mjmerge.proving.identify import identify
         from mjmerge.record.manifest import versions
         from mjmerge.run import prepare
-        from mjmerge.world import single
+        from mjmerge.vehicle.acceptance import store
+        from mjmerge.world.compose import single
 
-        place = share.model_folder(self.model)
+        place = shipped.model_folder(self.model)
         single(self.model)  # a bad car is refused before anything is written
         folder = self.out or identified_folder(place)
         replaced = prepare(folder, self.out is None, identified.FILES)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from mjmerge import share
+from mjmerge.config import shipped
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class List:
         from rich.console import Console
         from rich.table import Table
 
-        from mjmerge.acceptance import acceptance
-        from mjmerge.campaign import described as campaign_line
         from mjmerge.drivers import kinds
         from mjmerge.law import VARIANTS
-        from mjmerge.loader import data_sheet, load
         from mjmerge.plant import PLANTS
+        from mjmerge.scenario.load import data_sheet, load
+        from mjmerge.sweep.campaign import described as campaign_line
+        from mjmerge.vehicle.acceptance import acceptance
 
         def first_line(text: str | None) -> str:
             return (text or "").strip().splitlines()[0]
@@ -41,9 +41,9 @@ class List:
             return f"{data_sheet(name).description} (acceptance tests: {state})"
 
         what: dict[str, Callable[[], dict[str, str]]] = {
-            "scenarios": lambda: {name: load(name).description for name in share.scenarios()},
-            "campaigns": lambda: {name: campaign_line(path) for name, path in share.campaigns().items()},
-            "models": lambda: {name: described(name, folder) for name, folder in share.models().items()},
+            "scenarios": lambda: {name: load(name).description for name in shipped.scenarios()},
+            "campaigns": lambda: {name: campaign_line(path) for name, path in shipped.campaigns().items()},
+            "models": lambda: {name: described(name, folder) for name, folder in shipped.models().items()},
             "laws": lambda: VARIANTS,
             "drivers": lambda: {
                 name: f"{first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"

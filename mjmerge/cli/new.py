@@ -28,7 +28,7 @@ class New:
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
-        from mjmerge.new import KINDS, make
+        from mjmerge.starts.make import KINDS, make
 
         made = make(self.what, self.name, self.out)
         place = shlex.quote(str(made) if made.is_absolute() else f"./{made}")

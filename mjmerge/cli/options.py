@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.bounds import MOST_RUNS, MOST_SEED, most_threads, most_workers
+from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, most_threads, most_workers
 from mjmerge.errors import MjmergeError
 
 Overrides = Annotated[

@@ -21,7 +21,7 @@ class Recover:
     def __call__(self) -> int:
         """Run the command; return its exit code."""
         from mjmerge.record.read import recording
-        from mjmerge.record.recover import recover, recovered_name
+        from mjmerge.review.recover import recover, recovered_name
 
         path = recording(self.file)
         out = self.out or recovered_name(path)

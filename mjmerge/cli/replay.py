@@ -30,7 +30,7 @@ class Replay:
         from rich.console import Console
 
         from mjmerge.record.read import recording
-        from mjmerge.record.replay import replay
+        from mjmerge.review.replay import replay
 
         at_least(0, threads=self.threads)
         path = recording(self.file)

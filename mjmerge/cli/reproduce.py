@@ -23,8 +23,8 @@ class Reproduce:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge.report import facts_table
-        from mjmerge.reproduce import reproduce
+        from mjmerge.paper.reproduce import reproduce
+        from mjmerge.verdict.summary import facts_table
 
         folder = self.out or Path("reproduced")
         with progress_bar(1.0, "reproducing") as progress:

@@ -19,7 +19,7 @@ from mjmerge.cli.style import bold, plain
 
 if TYPE_CHECKING:
     from mjmerge.record import Header
-    from mjmerge.record.live import Live
+    from mjmerge.record.rerun.live import Live
 
 PlantName = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]
 
@@ -61,10 +61,10 @@ class Run:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge.loader import load
-        from mjmerge.places import run_folder
-        from mjmerge.report import table
+        from mjmerge.cli.places import run_folder
         from mjmerge.run import run
+        from mjmerge.scenario.load import load
+        from mjmerge.verdict.summary import table
 
         at_least(1, runs=self.runs)
         at_least(0, seed=self.seed, threads=self.threads)
@@ -129,7 +129,7 @@ class Run:
         """What shows the run, if it is to be shown."""
         if not (self.live or self.live_fast or self.live_at is not None):
             return None
-        from mjmerge.record.live import Live, port_of
+        from mjmerge.record.rerun.live import Live, port_of
 
         port = None if self.live_at is None else port_of(self.live_at)
         return partial(Live, port=port, real_time=not self.live_fast)

@@ -17,11 +17,11 @@ class Schema:
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
-        from mjmerge.campaign import Campaign
-        from mjmerge.datasheet import DataSheet
-        from mjmerge.frozen import Frozen
-        from mjmerge.loader import json_schema
-        from mjmerge.scenario import Scenario
+        from mjmerge.config.frozen import Frozen
+        from mjmerge.scenario.load import json_schema
+        from mjmerge.scenario.schema import Scenario
+        from mjmerge.sweep.campaign import Campaign
+        from mjmerge.vehicle.datasheet import DataSheet
 
         kinds: dict[str, type[Frozen]] = {"scenario": Scenario, "campaign": Campaign, "datasheet": DataSheet}
         print(json_schema(kinds[self.what]), end="")

@@ -28,9 +28,9 @@ class Survey:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge.report import survey_table
-        from mjmerge.survey import Survey as Found
-        from mjmerge.survey import survey
+        from mjmerge.paper.survey import Survey as Found
+        from mjmerge.paper.survey import survey
+        from mjmerge.verdict.summary import survey_table
 
         at_least(1, runs=self.runs)
         at_least(0, seed=self.seed)

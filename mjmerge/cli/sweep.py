@@ -84,10 +84,10 @@ class Sweep:
     def _campaign(self) -> int:
         from rich.console import Console
 
-        from mjmerge import sweep_report
-        from mjmerge.campaign import plan
-        from mjmerge.sweep import sweep
-        from mjmerge.sweep_folder import TABLE
+        from mjmerge.sweep import report as sweep_report
+        from mjmerge.sweep.campaign import plan
+        from mjmerge.sweep.folder import TABLE
+        from mjmerge.sweep.sweep import sweep
 
         planned = plan(self.what)
         folder = self.out or Path("sweeps") / planned.name
@@ -113,10 +113,10 @@ class Sweep:
     def _ladder(self) -> int:
         from rich.console import Console
 
-        from mjmerge import ladder
-        from mjmerge.places import ladder_folder
-        from mjmerge.plan import given
-        from mjmerge.workers import workers
+        from mjmerge.cli.places import ladder_folder
+        from mjmerge.search import ladder
+        from mjmerge.sweep.plan import given
+        from mjmerge.sweep.workers import workers
 
         with workers(self._processes()) as team, runs_bar(len(ladder.RUNGS)) as progress:
             found = ladder.climb(
@@ -139,11 +139,12 @@ class Sweep:
     def _break(self) -> int:
         from rich.console import Console
 
-        from mjmerge import breaking, breaking_report
-        from mjmerge.loader import load
-        from mjmerge.places import breaking_folder
-        from mjmerge.plan import given
-        from mjmerge.workers import workers
+        from mjmerge.cli.places import breaking_folder
+        from mjmerge.scenario.load import load
+        from mjmerge.search import breaking
+        from mjmerge.search import report as breaking_report
+        from mjmerge.sweep.plan import given
+        from mjmerge.sweep.workers import workers
 
         settings = given(self.set_)
         pairs = [text.split(",") for text in self.break_]

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.bounds import LONGEST_S
 from mjmerge.cli.options import Count, at_least
 from mjmerge.cli.progress import progress_bar
+from mjmerge.config.bounds import LONGEST_S
 from mjmerge.errors import MjmergeError
 
 
@@ -28,8 +28,8 @@ class Theorem:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge.report import theorem_table
-        from mjmerge.theorem import tally
+        from mjmerge.paper.theorem import tally
+        from mjmerge.verdict.summary import theorem_table
 
         at_least(1, runs=self.runs)
         at_least(0, seed=self.seed)

@@ -29,8 +29,8 @@ class Verify:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge.record.folder import verify_run
-        from mjmerge.record.verify import table, verify
+        from mjmerge.review.folder import verify_run
+        from mjmerge.review.verify import table, verify
 
         found = verify(self.file) if self.file.is_file() else verify_run(self.file)
         if self.json:

@@ -31,7 +31,7 @@ class Video:
     def __call__(self) -> int:
         """Run the command; return its exit code."""
         from mjmerge.record.read import recording
-        from mjmerge.video import Options, video
+        from mjmerge.review.video import Options, video
 
         if not 0.01 <= self.speed <= 100 or not 1 <= self.fps <= 240:
             raise MjmergeError("--speed must be from 0.01 to 100, --fps from 1 to 240")

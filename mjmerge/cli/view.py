@@ -27,7 +27,7 @@ class View:
     def __call__(self) -> int:
         """Run the command; return its exit code."""
         from mjmerge.record.read import read
-        from mjmerge.record.viewer import command, environment
+        from mjmerge.record.rerun.viewer import command, environment
 
         places = (self.run, Path("runs") / self.run)
         files = [p / "run.rrd" if p.is_dir() else p for p in places]
@@ -39,7 +39,7 @@ class View:
         with tempfile.TemporaryDirectory() as folder:
             shown = file
             if file.suffix == ".mcap":
-                from mjmerge.record.mcap_view import write_view
+                from mjmerge.review.view import write_view
 
                 shown = Path(folder) / "mcap.rrd"
                 write_view(file, shown)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mjmerge.frozen import Frozen
+from mjmerge.config.frozen import Frozen
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

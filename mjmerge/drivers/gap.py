@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from mjmerge.config.frozen import Frozen
 from mjmerge.drivers.base import Along, Array, Driver, overlap
-from mjmerge.frozen import Frozen
 
 
 def _smooth_step(shape: str, x: float) -> tuple[float, float, float]:

@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from mjmerge.config.frozen import Frozen
 from mjmerge.drivers.base import Along, Array, Driver, Forwards, Mask, overlap
-from mjmerge.frozen import Frozen
 
 
 class Change(Frozen):

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjmerge.datasheet import DataSheet
 from mjmerge.drivers.base import Along, Array, Driver
 from mjmerge.drivers.lane import keep_lane
 from mjmerge.errors import MjmergeError
 from mjmerge.state import Cars, Mask
+from mjmerge.vehicle.datasheet import DataSheet
 
 
 @dataclass(frozen=True)

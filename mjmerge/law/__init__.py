@@ -5,8 +5,8 @@ What each named reading of it is for stands in :data:`VARIANTS`; ``mjmerge list 
 
 from __future__ import annotations
 
-from mjmerge.law.merge import Decision, Geometry, Sensed, decide, geometry
-from mjmerge.law.opinion import advance, bifurcation_input
-from mjmerge.law.variants import VARIANTS
+from mjmerge.law.opinion_dynamics.law import Decision, Geometry, Sensed, decide, geometry
+from mjmerge.law.opinion_dynamics.opinion import advance, bifurcation_input
+from mjmerge.law.opinion_dynamics.variants import VARIANTS
 
 __all__ = ["VARIANTS", "Decision", "Geometry", "Sensed", "advance", "bifurcation_input", "decide", "geometry"]

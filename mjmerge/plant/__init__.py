@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from mjmerge.errors import ModelError, UnknownNameError
-from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault, Plant, Smooth
-from mjmerge.scenario import Scenario
-from mjmerge.world import World
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import Scenario
+from mjmerge.world.compose import World
 
 __all__ = ["LIMITED", "PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
 

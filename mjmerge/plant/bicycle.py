@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mjmerge.bicycle import derivative, front_velocity
-from mjmerge.loader import car_sheets
-from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import Arrivals, no_bodies, runaway, standing, start
-from mjmerge.scenario import Scenario
+from mjmerge.scenario.load import car_sheets
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask
-from mjmerge.world import World
+from mjmerge.vehicle.bicycle import derivative, front_velocity
+from mjmerge.world.compose import World
 
 
 class Bicycle:

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjmerge.actuation import CRAWL_MPS, UNMOVED_MPS2, BelievedCars, resistance_n
-from mjmerge.loader import car_sheets
-from mjmerge.mismatch import Mismatch
 from mjmerge.plant.bicycle import Bicycle, upright
 from mjmerge.plant.kinematic import Arrivals
-from mjmerge.scenario import Scenario
+from mjmerge.scenario.load import car_sheets
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls
-from mjmerge.world import World
+from mjmerge.vehicle.actuation import CRAWL_MPS, UNMOVED_MPS2, BelievedCars, resistance_n
+from mjmerge.world.compose import World
 
 
 class LimitedBicycle(Bicycle):

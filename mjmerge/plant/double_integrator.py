@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjmerge.mismatch import Mismatch
 from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import Arrivals, no_bodies, runaway, standing, start
-from mjmerge.scenario import Scenario
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
-from mjmerge.world import World
+from mjmerge.world.compose import World
 
 
 class DoubleIntegrator:

@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from mujoco.batch import Batch
 
-from mjmerge.actuation import CRAWL_MPS, UNMOVED_MPS2
 from mjmerge.plant.tyre import Tyres
 from mjmerge.state import Array, Mask
-from mjmerge.world import World
+from mjmerge.vehicle.actuation import CRAWL_MPS, UNMOVED_MPS2
+from mjmerge.world.compose import World
 
 _FIRMER = 1e-3  # R of a held wheel's dry friction over that of MuJoCo's hardest
 STILL = 0.999

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjmerge.actuation import ackermann
-from mjmerge.delay import Past
-from mjmerge.mismatch import Mismatch, column
 from mjmerge.plant.base import Fault
-from mjmerge.scenario import CARS, Scenario
+from mjmerge.scenario.mismatch import Mismatch, column
+from mjmerge.scenario.schema import CARS, Scenario
 from mjmerge.state import PAIRS, Array, Cars, Mask
-from mjmerge.world import World
+from mjmerge.vehicle.actuation import ackermann
+from mjmerge.vehicle.delay import Past
+from mjmerge.world.compose import World
 
 _BEYOND = 1e9  # m, m/s, rad: the loop has diverged, and would overflow before it is infinite
 

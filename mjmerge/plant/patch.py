@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjmerge.mismatch import Mismatch, column
+from mjmerge.scenario.mismatch import Mismatch, column
 from mjmerge.state import Array
 
 

@@ -18,13 +18,13 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS
 from numpy.typing import NDArray
 
-from mjmerge.actuation import ackermann
-from mjmerge.delay import asked_s, steps_late
 from mjmerge.errors import ModelError
-from mjmerge.mismatch import SENSING, Mismatch
 from mjmerge.plant.tyre import Tyres
+from mjmerge.scenario.mismatch import SENSING, Mismatch
 from mjmerge.state import Array
-from mjmerge.world import DRIVE, STEER, WHEELS, World
+from mjmerge.vehicle.actuation import ackermann
+from mjmerge.vehicle.delay import asked_s, steps_late
+from mjmerge.world.compose import DRIVE, STEER, WHEELS, World
 
 _NOTHING = Mismatch()
 _PHYSICS = tuple(name for name in Mismatch.model_fields if name not in SENSING)
@@ -151,7 +151,7 @@ def _limit(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
 
 
 def _delay(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
-    """Dead time of motors and steering, see :mod:`mjmerge.delay`; the brakes' is the plant's."""
+    """Dead time of motors and steering, see :mod:`mjmerge.vehicle.delay`; the brakes' is the plant's."""
     ego, step_s = world.cars[0], float(model.opt.timestep)
     late = int(steps_late(m.command_delay_s, step_s))
     for i in range(model.nu):

@@ -36,7 +36,7 @@ from functools import cached_property
 import numpy as np
 
 from mjmerge.state import Array
-from mjmerge.world import HARDEST, IMPRATIO
+from mjmerge.world.compose import HARDEST, IMPRATIO
 
 ADDED_MASS = 0.03
 """1/R over the mass on the wheel, while the car moves."""
@@ -51,7 +51,7 @@ _LEAST_MPS = _LEAST = 1e-9
 class Tyres:
     """The tyres of C cars in N simulations, or in 1 that stands for all, each (N, C, 4).
 
-    Wheels are as in ``mjmerge.world.WHEELS``.
+    Wheels are as in ``mjmerge.world.compose.WHEELS``.
 
     Attributes:
         stiffness_n_per_rad: C of one tyre; infinite: as stiff as the contact can be.

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mjmerge.metrics import Event
-from mjmerge.record.base import ENDINGS, Factory, Header, Keep, Outcome, PosedBlock, Recorder, Recording
 from mjmerge.record.manifest import git_revision, versions
+from mjmerge.record.recording import ENDINGS, Factory, Header, Keep, Outcome, PosedBlock, Recorder, Recording
 from mjmerge.record.scene import Scene
+from mjmerge.verdict.metrics import Event
 
 __all__ = [
     "ENDINGS",
@@ -39,14 +39,14 @@ __all__ = [
 
 def open_rrd(path: Path, header: Header, scene: Scene) -> Recorder:
     """Starts a Rerun recording."""
-    from mjmerge.record.rerun import RerunRecorder
+    from mjmerge.record.rerun.recorder import RerunRecorder
 
     return RerunRecorder(path, header, scene)
 
 
 def open_mcap(path: Path, header: Header, scene: Scene) -> Recorder:
     """Starts an MCAP recording."""
-    from mjmerge.record.mcap import McapRecorder
+    from mjmerge.record.mcap.recorder import McapRecorder
 
     return McapRecorder(path, header, scene)
 

@@ -13,10 +13,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, ValidationError
 
-from mjmerge.datasheet import DataSheet
-from mjmerge.frozen import Frozen
+from mjmerge.config.frozen import Frozen
 from mjmerge.plant import PLANTS
-from mjmerge.scenario import CARS
+from mjmerge.scenario.schema import CARS
+from mjmerge.vehicle.datasheet import DataSheet
 
 LARGEST_TEXT_BYTES = 8 * 2**20
 """Of a text in a recording: a scenario has 3 kB, a world 70 kB."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mjmerge.trace import COLUMNS, Array, Block
+from mjmerge.simulation.trace import COLUMNS, Array, Block
 
 
 class Digest:

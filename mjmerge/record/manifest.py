@@ -11,11 +11,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.scenario import CARS
-from mjmerge.trace import COLUMNS
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.trace import COLUMNS
 
 if TYPE_CHECKING:
-    from mjmerge.record.base import Header
+    from mjmerge.record.recording import Header
 
 SCHEMA_VERSION = 1
 """Of topics, entity names and messages; goes up when a reader of the old ones would go wrong."""

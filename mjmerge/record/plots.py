@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from mjmerge.record.schema import LAW_TOPIC, car_topic
-from mjmerge.scenario import CARS, Scenario
-from mjmerge.trace import NEIGHBOURS, WHEELS, Array
+from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.simulation.trace import NEIGHBOURS, WHEELS, Array
 
 Color = tuple[int, int, int]
 

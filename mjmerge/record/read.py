@@ -16,20 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mjmerge.actuation import believed_sheets
-from mjmerge.datasheet import DataSheet
-from mjmerge.document import parse
+from mjmerge.config.document import parse
 from mjmerge.errors import ScenarioError, UnreadableError
-from mjmerge.loader import load
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
-from mjmerge.record.found import NS_PER_S, Found, Said, Ticks
-from mjmerge.record.from_mcap import gather_mcap
-from mjmerge.record.from_rrd import gather_rrd, survives
+from mjmerge.record.contents import NS_PER_S, Found, Said, Ticks
 from mjmerge.record.manifest import canonical
-from mjmerge.record.mcap_file import TooLargeError
-from mjmerge.scenario import CARS, Scenario
-from mjmerge.trace import COLUMNS, Array, Stop, Trace, the_truth
+from mjmerge.record.mcap.file import TooLargeError
+from mjmerge.record.mcap.reader import gather_mcap
+from mjmerge.record.rerun.reader import gather_rrd, survives
+from mjmerge.scenario.load import load
+from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.simulation.trace import COLUMNS, Array, Stop, Trace, the_truth
+from mjmerge.vehicle.actuation import believed_sheets
+from mjmerge.vehicle.datasheet import DataSheet
 
 _MCAP_MAGIC, _RRD_MAGIC = b"\x89MCAP0\r\n", b"RRF2"
 MOST_TICKS = 400_000
@@ -133,7 +133,7 @@ class Recorded:
 
     @property
     def texts(self) -> dict[str, str]:
-        """What is in it as text, by name, as in :class:`~mjmerge.record.base.Header`."""
+        """What is in it as text, by name, as in :class:`~mjmerge.record.recording.Header`."""
         return {
             "scenario.yaml": self.scenario_yaml,
             "world.xml": self.world_xml,

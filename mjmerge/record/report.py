@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from mjmerge.record.base import Header, Outcome
+from mjmerge.record.recording import Header, Outcome
 
 
 def unfinished(header: Header) -> str:

@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.scenario import CARS
-from mjmerge.trace import Array, Block
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.trace import Array, Block
 
 Kind = Literal["box", "ellipsoid", "cylinder", "capsule", "mesh"]
 _DRAWN_GROUPS = (0, 1, 2)

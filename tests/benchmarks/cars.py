@@ -16,9 +16,9 @@ from rich.console import Console
 from rich.table import Table
 
 import mjmerge
-from mjmerge.actuation import BelievedCars, command
 from mjmerge.plant.mujoco import MuJoCo
-from mjmerge.world import build
+from mjmerge.vehicle.actuation import BelievedCars, command
+from mjmerge.world.compose import build
 
 REPEATS, RUNS, TICKS = 7, 128, 10
 OWN_IMPRATIO, OWN_SOLIMP, OWN_SOLREF = 10.0, (0.9, 0.95, 0.001, 0.5, 2.0), (0.0, 0.0)

@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 import mjmerge
-from mjmerge.scenario import CARS
-from mjmerge.world import build
+from mjmerge.scenario.schema import CARS
+from mjmerge.world.compose import build
 
 REPEATS = 5
 

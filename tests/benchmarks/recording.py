@@ -25,11 +25,11 @@ from rich.console import Console
 from rich.table import Table
 
 import mjmerge
-from mjmerge.contract import judge
-from mjmerge.loader import car_sheets, dump
 from mjmerge.record import FORMATS, Header, Outcome, Recording, versions
-from mjmerge.trace import Block
-from mjmerge.world import build
+from mjmerge.scenario.load import car_sheets, dump
+from mjmerge.simulation.trace import Block
+from mjmerge.verdict.judge import judge
+from mjmerge.world.compose import build
 
 REPEATS = 3
 LONG_S = 600.0

@@ -165,5 +165,7 @@ def test_a_users_script_passes_the_strict_type_checker_and_a_wrong_one_does_not(
     errors = [line for line in done.stdout.splitlines() if ": error:" in line]
     assert len(errors) == 1, done.stdout
     assert errors[0].startswith("wrong.py:4: ")
-    assert 'Revealed type is "mjmerge.trace.Trace"' in done.stdout  # and not Any: it is shipped as typed
+    assert (
+        'Revealed type is "mjmerge.simulation.trace.Trace"' in done.stdout
+    )  # and not Any: it is shipped as typed
     assert 'right.py:11: note: Revealed type is "str"' in done.stdout

@@ -232,7 +232,7 @@ def test_schema_is_json(capsys):
 
 def test_names_and_folders_with_odd_letters_are_shown_as_they_are_and_quoted(capsys, tmp_path):
     odd = "it's [red] $x_{$ & 50%"
-    text = mjmerge.share.scenarios()["paper"].read_text()
+    text = mjmerge.config.shipped.scenarios()["paper"].read_text()
     (tmp_path / f"{odd}.yaml").write_text(text)
     code, out, err = run(capsys, "run", f"{odd}.yaml", *SHORT, "--out", f"out {odd}")
     assert (code, err) == (0, "")
@@ -249,7 +249,7 @@ def test_names_and_folders_with_odd_letters_are_shown_as_they_are_and_quoted(cap
 
 def test_a_file_name_that_is_no_text_is_refused(capsys, tmp_path):
     name = os.fsdecode(b"\xff.yaml")
-    (tmp_path / name).write_text(mjmerge.share.scenarios()["paper"].read_text())
+    (tmp_path / name).write_text(mjmerge.config.shipped.scenarios()["paper"].read_text())
     code, _, err = run(capsys, "run", name, *SHORT)
     assert code == 2
     assert "rename it" in err

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from mjmerge.effect import acting
-from mjmerge.loader import load
-from mjmerge.mismatch import SENSING, Mismatch
 from mjmerge.plant import PLANTS
-from mjmerge.simulate import simulate
-from mjmerge.trace import COLUMNS
+from mjmerge.scenario.effect import acting
+from mjmerge.scenario.load import load
+from mjmerge.scenario.mismatch import SENSING, Mismatch
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import COLUMNS
 
 PHYSICS_STEP_S = 0.002
 STANDS = ("initial.vehicle_1.speed_mps=0", "drivers.vehicle_1.speed_mps=0")

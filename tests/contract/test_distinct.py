@@ -7,13 +7,17 @@ import json
 import pytest
 
 import mjmerge
-from mjmerge import breaking_report, campaign, gate, share, sweep_report
-from mjmerge.breaking import ranged, search
 from mjmerge.cli import main
-from mjmerge.distinct import SAME, labels, random
-from mjmerge.loader import load
-from mjmerge.sweep import sweep
-from mjmerge.workers import Workers
+from mjmerge.config import shipped
+from mjmerge.gate import gate
+from mjmerge.scenario.distinct import SAME, labels, random
+from mjmerge.scenario.load import load
+from mjmerge.search import report as breaking_report
+from mjmerge.search.breaking import ranged, search
+from mjmerge.sweep import campaign
+from mjmerge.sweep import report as sweep_report
+from mjmerge.sweep.sweep import sweep
+from mjmerge.sweep.workers import Workers
 
 BRAKES = "drivers.vehicle_1.speed_mps=1"
 FLIPS = ["drivers.vehicle_2.hold_min_s=0.1", "drivers.vehicle_2.hold_max_s=0.4", "duration_s=1"]
@@ -71,7 +75,7 @@ def test_another_seed_is_another_run_exactly_where_something_is_random(name, giv
         ({"plants": ["bicycle"], "mismatches": {"a": {}, "b": {"belief.wheelbase_m": 0.3302}}}, 2, 1),
         ({"plants": ["mujoco"], "grid": {"mismatch.command_delay_s": [0.0101, 0.0105, 0.012]}}, 3, 2),
         ({"plants": ["bicycle"], "grid": {"mismatch.command_delay_s": [0.0101, 0.0105, 0.012]}}, 3, 3),
-        ({"mismatches": {"a": {}, "b": {"models.ego": str(share.models()["rc"])}}}, 2, 1),
+        ({"mismatches": {"a": {}, "b": {"models.ego": str(shipped.models()["rc"])}}}, 2, 1),
     ],
 )  # fmt: skip
 def test_copies_are_found_however_they_come_about(keys, runs, distinct):
@@ -87,9 +91,9 @@ def test_copies_are_found_however_they_come_about(keys, runs, distinct):
 
 
 def test_a_scenario_listed_twice_or_under_another_name_with_the_same_content_is_a_copy(tmp_path):
-    text = share.scenarios()["charge"].read_text()
+    text = shipped.scenarios()["charge"].read_text()
     (tmp_path / "mine.yaml").write_text(text.replace("description: ", "description: My own. "))
-    plan = planned("charge", "charge", tmp_path / "mine.yaml", share.scenarios()["charge"])
+    plan = planned("charge", "charge", tmp_path / "mine.yaml", shipped.scenarios()["charge"])
     assert plan.same_as == (0, 0, 0, 0)
     assert [plan.labels[case.batch.source] for case in plan.cases] == ["charge", "charge", "mine", "charge"]
 
@@ -126,7 +130,7 @@ def test_a_slice_along_an_axis_counts_each_run_once_whatever_else_there_is(tmp_p
 
 
 def test_scenarios_of_the_same_name_are_two_everywhere(tmp_path, capsys):
-    text = share.scenarios()["charge"].read_text()
+    text = shipped.scenarios()["charge"].read_text()
     for folder, old, new in (("a", "k_o", "k_o"), ("b", "r_eta_m: 1.204", "r_eta_m: 1.3")):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "m.yaml").write_text(text.replace(old, new))
@@ -197,7 +201,7 @@ def test_a_search_runs_seeds_only_where_they_are_other_runs_and_says_so():
 
 
 def test_a_gate_tells_scenarios_of_the_same_name_apart_and_reads_each_file_once(tmp_path):
-    text = share.scenarios()["charge"].read_text(encoding="utf-8")
+    text = shipped.scenarios()["charge"].read_text(encoding="utf-8")
     for folder in "ab":
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "m.yaml").write_text(text, encoding="utf-8")

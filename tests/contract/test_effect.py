@@ -11,16 +11,19 @@ from pathlib import Path
 import pytest
 
 import mjmerge
-from mjmerge import breaking, campaign, gate, ladder, share
-from mjmerge.acts import EVERY, listed
 from mjmerge.cli import main
-from mjmerge.effect import acting, declared, told, without
+from mjmerge.config import shipped
 from mjmerge.errors import MjmergeError, ScenarioError
-from mjmerge.levels import LEVELS
-from mjmerge.mismatch import Mismatch
-from mjmerge.plan import Batches
+from mjmerge.gate import gate
 from mjmerge.plant import PLANTS
-from mjmerge.workers import Workers
+from mjmerge.scenario.acts import EVERY, listed
+from mjmerge.scenario.effect import acting, declared, told, without
+from mjmerge.scenario.levels import LEVELS
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.search import breaking, ladder
+from mjmerge.sweep import campaign
+from mjmerge.sweep.plan import Batches
+from mjmerge.sweep.workers import Workers
 
 AXES = tuple(Mismatch.model_fields)
 WORLDS = [*((plant, False) for plant in EVERY), ("double_integrator", True), ("bicycle", True)]
@@ -339,7 +342,7 @@ def test_levels_leave_out_the_axes_that_a_plant_has_not_and_say_which():
 
 
 def test_a_row_of_the_gate_names_file_and_line(tmp_path):
-    text = share.scenarios()["charge"].read_text(encoding="utf-8").partition("\ngate:")[0]
+    text = shipped.scenarios()["charge"].read_text(encoding="utf-8").partition("\ngate:")[0]
     rows = [
         "{name: a, plant: bicycle, at_least_m: 0, set: [law.k_o=1.0, mismatch.friction=0.5]}",
         "{name: b, plant: bicycle, at_least_m: 0, needs: [grip]}",

@@ -126,7 +126,7 @@ def test_standard_error_that_is_full_or_closed_changes_nothing(capsys):
 
 
 def test_what_a_terminal_cannot_spell_is_written_as_an_escape(tmp_path):
-    (tmp_path / "東京.yaml").write_text((mjmerge.share.scenarios()["paper"]).read_text())
+    (tmp_path / "東京.yaml").write_text((mjmerge.config.shipped.scenarios()["paper"]).read_text())
     done = shell("PYTHONIOENCODING=ascii $M", "run", "東京.yaml", *QUICK[2:])
     assert done.returncode == 0, done.stderr
     assert "\\u6771\\u4eac" in done.stdout
@@ -187,7 +187,7 @@ def test_a_disk_that_fills_up_ends_with_3_and_a_line_for_each_file_and_leaves_no
     ],
 )
 def test_whatever_file_the_disk_has_no_room_for_the_exit_code_is_3(args, capsys, monkeypatch):
-    paper = mjmerge.share.scenarios()["paper"].read_text().partition("\ngate:")[0]
+    paper = mjmerge.config.shipped.scenarios()["paper"].read_text().partition("\ngate:")[0]
     row = "{name: ideal, plant: double_integrator, at_least_m: 0}"
     Path("mine.yaml").write_text(paper.replace("duration_s: 35", "duration_s: 0.2") + f"\ngate: [{row}]\n")
     block = "{scenarios: [paper], plants: [double_integrator], set: {duration_s: 0.2}}"

@@ -8,10 +8,10 @@ import shutil
 
 import pytest
 
-from mjmerge import share
-from mjmerge.acceptance import FILE, acceptance
 from mjmerge.cli import main
-from mjmerge.identified import FILES
+from mjmerge.config import shipped
+from mjmerge.proving.report import FILES
+from mjmerge.vehicle.acceptance import FILE, acceptance
 
 
 def identify(capsys, *args: str) -> tuple[int, str, str]:
@@ -42,7 +42,7 @@ def test_a_sound_car_ends_with_0_a_table_and_its_plots(capsys, tmp_path):
 def test_a_car_that_does_not_drive_as_its_data_sheet_says_ends_with_1_and_is_stored_as_failed(
     capsys, tmp_path
 ):
-    shutil.copytree(share.folder("models"), tmp_path / "models")
+    shutil.copytree(shipped.folder("models"), tmp_path / "models")
     car = tmp_path / "models" / "rc"
     data_sheet = (car / "datasheet.yaml").read_text()
     (car / "datasheet.yaml").write_text(data_sheet.replace("steer_lag_s: 0.016", "steer_lag_s: 0.05"))
@@ -59,7 +59,7 @@ def test_a_car_that_does_not_drive_as_its_data_sheet_says_ends_with_1_and_is_sto
 
 
 def test_a_car_that_is_not_as_heavy_as_its_data_sheet_says_is_refused_with_both_numbers(capsys, tmp_path):
-    shutil.copytree(share.folder("models"), tmp_path / "models")
+    shutil.copytree(shipped.folder("models"), tmp_path / "models")
     car = tmp_path / "models" / "rc"
     data_sheet = (car / "datasheet.yaml").read_text()
     (car / "datasheet.yaml").write_text(data_sheet.replace("mass_kg: 3.74", "mass_kg: 4.1"))
@@ -87,7 +87,7 @@ def test_bad_input_ends_with_2_before_anything_is_driven(capsys, tmp_path, args,
 
 
 def test_a_car_without_a_wheel_is_refused_by_name_and_leaves_nothing_behind(capsys, tmp_path):
-    shutil.copytree(share.folder("models"), tmp_path / "models")
+    shutil.copytree(shipped.folder("models"), tmp_path / "models")
     car = tmp_path / "models" / "rc"
     text = (car / "rc.xml").read_text()
     assert text.count('name="tyre_rear_left"') == 1

@@ -8,8 +8,8 @@ import shlex
 import pytest
 
 from mjmerge.cli import main
-from mjmerge.ladder import FILES, RUNGS, climb
-from mjmerge.workers import Workers
+from mjmerge.search.ladder import FILES, RUNGS, climb
+from mjmerge.sweep.workers import Workers
 
 KEYS = {"duration_s": 0.5, "initial.ego.front_m": [-1.2, 1.1]}
 

@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjmerge.actuation import Feet, believed_sheets
-from mjmerge.levels import LEVELS, NAMES
-from mjmerge.loader import load
-from mjmerge.mismatch import SENSING, Mismatch
 from mjmerge.plant import make
 from mjmerge.plant.mujoco import MuJoCo
-from mjmerge.scenario import CARS
-from mjmerge.simulate import simulate
+from mjmerge.scenario.levels import LEVELS, NAMES
+from mjmerge.scenario.load import load
+from mjmerge.scenario.mismatch import SENSING, Mismatch
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import Controls
-from mjmerge.trace import COLUMNS
-from mjmerge.world import build
+from mjmerge.vehicle.actuation import Feet, believed_sheets
+from mjmerge.world.compose import build
 
 loop = import_module("mjmerge.simulate")  # the package has a function of that name
 NOTHING = Mismatch()

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from mjmerge import share
 from mjmerge.cli import main
-from mjmerge.datasheet import DataSheet
-from mjmerge.loader import data_sheet
-from mjmerge.new import KINDS
+from mjmerge.config import shipped
+from mjmerge.scenario.load import data_sheet
+from mjmerge.starts.make import KINDS
+from mjmerge.vehicle.datasheet import DataSheet
 
 
 @pytest.fixture(autouse=True)
@@ -81,7 +81,7 @@ def test_a_new_scenario_runs_and_its_floor_holds(capsys, long):
 
 def test_a_new_campaign_is_a_plan_of_runs(capsys):
     mjmerge(capsys, "new", "campaign", "mine")
-    from mjmerge.campaign import plan
+    from mjmerge.sweep.campaign import plan
 
     assert len(plan("mine.yaml").cases) == 12
 
@@ -122,7 +122,7 @@ def test_a_name_that_can_be_none_is_refused_with_what_can(capsys, elsewhere, nam
     assert list(elsewhere.iterdir()) == []
 
 
-@pytest.mark.parametrize(("kind", "shipped"), [("car", share.models), ("scenario", share.scenarios)])
+@pytest.mark.parametrize(("kind", "shipped"), [("car", shipped.models), ("scenario", shipped.scenarios)])
 def test_the_name_of_something_shipped_is_refused(capsys, elsewhere, kind, shipped):
     code, _, err = mjmerge(capsys, "new", kind, next(iter(shipped())))
     assert code == 2

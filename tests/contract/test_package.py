@@ -21,7 +21,7 @@ def test_the_wheel_brings_models_and_scenarios_and_runs_anywhere(tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     assert (tmp_path / "site" / "mjmerge" / "py.typed").is_file()
     code = (
-        "import mjmerge, mjmerge.share as s; assert 'site' in mjmerge.__file__; "
+        "import mjmerge, mjmerge.config.shipped as s; assert 'site' in mjmerge.__file__; "
         "t = mjmerge.simulate(mjmerge.load('paper', ['duration_s=0.1']), 'mujoco'); "
         "print(len(s.scenarios()), len(s.models()), t.distance_m.shape)"
     )

@@ -5,12 +5,12 @@ import pytest
 
 from mjmerge import plant as plants
 from mjmerge.errors import UnknownNameError
-from mjmerge.loader import load
-from mjmerge.scenario import CARS
-from mjmerge.simulate import simulate
+from mjmerge.scenario.load import load
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import PAIRS, Controls
-from mjmerge.trace import COLUMNS
-from mjmerge.world import build
+from mjmerge.world.compose import build
 
 every_plant = pytest.mark.parametrize("name", sorted(plants.PLANTS))
 # restless, so that half a second holds several flips

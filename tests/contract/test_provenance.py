@@ -4,17 +4,17 @@ import shutil
 
 import pytest
 
-from mjmerge import share
-from mjmerge.loader import load
+from mjmerge.config import shipped
 from mjmerge.run import run
+from mjmerge.scenario.load import load
 
 
 @pytest.fixture
 def own(tmp_path):
     """A copy of the rc, and a scenario with it as the ego."""
     folder = tmp_path / "own"
-    shutil.copytree(share.models()["rc"], folder)
-    shutil.copytree(share.folder("models") / "parts", tmp_path / "parts")
+    shutil.copytree(shipped.models()["rc"], folder)
+    shutil.copytree(shipped.folder("models") / "parts", tmp_path / "parts")
     (folder / "rc.xml").rename(folder / "own.xml")
     return folder
 
@@ -39,11 +39,11 @@ def test_a_car_that_was_edited_since_is_named(own):
     assert found["verdict_doubts"] == ["own was edited after its acceptance tests"]
 
 
-@pytest.mark.parametrize("name", sorted(share.models()))
+@pytest.mark.parametrize("name", sorted(shipped.models()))
 def test_the_shipped_cars_are_accepted(name):
-    from mjmerge.acceptance import acceptance
+    from mjmerge.vehicle.acceptance import acceptance
 
-    assert acceptance(share.models()[name]).state == "passed"
+    assert acceptance(shipped.models()[name]).state == "passed"
 
 
 def test_a_run_without_physical_cars_asks_for_no_acceptance(own):

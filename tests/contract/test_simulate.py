@@ -7,19 +7,19 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from mjmerge.contract import judge
 from mjmerge.law import Sensed
-from mjmerge.loader import load
-from mjmerge.metrics import lateral_error_m, merged_at_s
 from mjmerge.plant import PLANTS
 from mjmerge.plant.bicycle import Bicycle
 from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.mujoco import MuJoCo
-from mjmerge.report import summary
-from mjmerge.scenario import CARS
-from mjmerge.simulate import simulate
-from mjmerge.trace import BLOCK_S, COLUMNS
-from mjmerge.world import build
+from mjmerge.scenario.load import load
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import BLOCK_S, COLUMNS
+from mjmerge.verdict.judge import judge
+from mjmerge.verdict.metrics import lateral_error_m, merged_at_s
+from mjmerge.verdict.summary import summary
+from mjmerge.world.compose import build
 
 every_plant = pytest.mark.parametrize("plant", sorted(PLANTS))
 

@@ -16,15 +16,16 @@ import pyarrow.parquet as pq
 import pytest
 
 import mjmerge
-from mjmerge import campaign, sweep_report
 from mjmerge.cli import main
-from mjmerge.contract import judge
 from mjmerge.errors import OutputError
-from mjmerge.outcome import EMPTY, FAILED, PASSED, rows
-from mjmerge.sweep import sweep
-from mjmerge.sweep_folder import SHARDS, TABLE, code_files
-from mjmerge.trace import Stop
-from mjmerge.workers import shards
+from mjmerge.simulation.trace import Stop
+from mjmerge.sweep import campaign
+from mjmerge.sweep import report as sweep_report
+from mjmerge.sweep.folder import SHARDS, TABLE, code_files
+from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, rows
+from mjmerge.sweep.sweep import sweep
+from mjmerge.sweep.workers import shards
+from mjmerge.verdict.judge import judge
 
 CAMPAIGN = """\
 description: Small, and in many shards.
@@ -171,7 +172,7 @@ def test_another_campaign_scenario_or_version_in_the_same_folder_is_refused(file
     with pytest.raises(OutputError, match="another campaign"):
         sweep(campaign.plan(file), tmp_path / "out")
     file.write_text(text)
-    monkeypatch.setattr("mjmerge.sweep_folder.versions", lambda: {"mujoco": "9.9"})
+    monkeypatch.setattr("mjmerge.sweep.folder.versions", lambda: {"mujoco": "9.9"})
     with pytest.raises(OutputError, match=r"version of mujoco \(3.*now 9\.9\)"):
         sweep(campaign.plan(file), tmp_path / "out")
 

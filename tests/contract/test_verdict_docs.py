@@ -9,8 +9,8 @@ import pytest
 
 from mjmerge import law
 from mjmerge.cli import main
-from mjmerge.contract import VERDICTS
-from mjmerge.hypotheses import HYPOTHESES
+from mjmerge.verdict.hypotheses import HYPOTHESES
+from mjmerge.verdict.judge import VERDICTS
 
 DOC = Path(__file__).parents[2] / "docs" / "verdicts.md"
 TEXT = DOC.read_text(encoding="utf-8")

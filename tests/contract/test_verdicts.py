@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjmerge.contract import BROKEN, HELD, REFUTED, UNRESOLVED, VACUOUS, judge
-from mjmerge.counterfactual import unguarded, without_barrier_m
-from mjmerge.hypotheses import HYPOTHESES
-from mjmerge.law import barrier as barrier_module
-from mjmerge.law import merge
-from mjmerge.loader import load
-from mjmerge.metrics import merged_at_s, turned_rad
-from mjmerge.mismatch import Mismatch
-from mjmerge.simulate import simulate
+from mjmerge.law.opinion_dynamics import barrier as barrier_module
+from mjmerge.law.opinion_dynamics import law as merge
+from mjmerge.scenario.load import load
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.simulation.loop import simulate
+from mjmerge.verdict.counterfactual import unguarded, without_barrier_m
+from mjmerge.verdict.hypotheses import HYPOTHESES
+from mjmerge.verdict.judge import BROKEN, HELD, REFUTED, UNRESOLVED, VACUOUS, judge
+from mjmerge.verdict.metrics import merged_at_s, turned_rad
 
 IDEAL = "double_integrator"
 PUSHED = {

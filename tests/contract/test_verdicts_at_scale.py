@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from mjmerge.contract import HELD, REFUTED, judge
-from mjmerge.effect import acting
-from mjmerge.levels import LEVELS
-from mjmerge.loader import load
-from mjmerge.mismatch import Mismatch
-from mjmerge.simulate import simulate
-from mjmerge.survey import TOGETHER, random_scenario
-from mjmerge.theorem import campaign
+from mjmerge.paper.survey import TOGETHER, random_scenario
+from mjmerge.paper.theorem import campaign
+from mjmerge.scenario.effect import acting
+from mjmerge.scenario.levels import LEVELS
+from mjmerge.scenario.load import load
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.simulation.loop import simulate
+from mjmerge.verdict.judge import HELD, REFUTED, judge
 
 AXES = [*LEVELS["rc"]]
 SCENARIOS = ("charge", "flips", "paper", "leader_brakes", "stop_and_go")

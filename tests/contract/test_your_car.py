@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from mjmerge import share
+from mjmerge.config import shipped
 from mjmerge.errors import ModelError
-from mjmerge.identify import identify
-from mjmerge.loader import load
-from mjmerge.new import make
-from mjmerge.parts import NUMBERS, names
-from mjmerge.world import build, single
+from mjmerge.proving.identify import identify
+from mjmerge.scenario.load import load
+from mjmerge.starts.make import make
+from mjmerge.world.checks.parts import NUMBERS, names
+from mjmerge.world.compose import build, single
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "your-car.md").read_text(encoding="utf-8")
@@ -70,7 +70,7 @@ def test_the_merge_is_driven_with_it(buggy):
 
 
 def test_every_name_of_the_contract_is_on_the_page():
-    shared = (share.folder("models") / "parts" / "car.xml").read_text()
+    shared = (shipped.folder("models") / "parts" / "car.xml").read_text()
     for _, name in names("all"):
         corner = re.sub(r"_(front|rear)_(left|right)$", "_", name)
         assert f"`{name}`" in PAGE or f"`{corner}" in PAGE or f'name="{name}"' in shared

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from ruamel.yaml import YAML
 
-from mjmerge import share
 from mjmerge.cli import main
+from mjmerge.config import shipped
 
 from .mutate import HOSTILE, garbled, mutated, paths, written
 
@@ -49,8 +49,8 @@ def _file(dice: random.Random, value: object, name: str) -> str:
 
 
 def _scenario(dice: random.Random) -> Case:
-    name = dice.choice(sorted(share.scenarios()))
-    said = _file(dice, _yaml(share.scenarios()[name]), "case.yaml")
+    name = dice.choice(sorted(shipped.scenarios()))
+    said = _file(dice, _yaml(shipped.scenarios()[name]), "case.yaml")
     plant = dice.choice(PLANTS)
     more = dice.choice([[], ["--json"], ["--runs", "3"], ["--continuous"], ["--seed", "7"]])
     return [
@@ -66,8 +66,8 @@ def _scenario(dice: random.Random) -> Case:
 
 
 def _set(dice: random.Random) -> Case:
-    name = dice.choice(sorted(share.scenarios()))
-    keys = [".".join(map(str, p)) for p in paths(_yaml(share.scenarios()[name])) if p]
+    name = dice.choice(sorted(shipped.scenarios()))
+    keys = [".".join(map(str, p)) for p in paths(_yaml(shipped.scenarios()[name])) if p]
     keys += [
         "mismatch.friction",
         "mismatch.command_delay_s",
@@ -111,7 +111,7 @@ CAMPAIGN = {
 
 
 def _campaign(dice: random.Random) -> Case:
-    scenario = _yaml(share.scenarios()["charge"])
+    scenario = _yaml(shipped.scenarios()["charge"])
     assert isinstance(scenario, dict)
     Path("short.yaml").write_text(written(scenario | {"duration_s": 0.05, "gate": []}))
     said = _file(dice, CAMPAIGN, "case.yaml")
@@ -120,7 +120,7 @@ def _campaign(dice: random.Random) -> Case:
 
 
 def _gate(dice: random.Random) -> Case:
-    scenario = _yaml(share.scenarios()["charge"])
+    scenario = _yaml(shipped.scenarios()["charge"])
     assert isinstance(scenario, dict)
     scenario["duration_s"] = 0.05
     rows = [
@@ -143,7 +143,7 @@ def _gate(dice: random.Random) -> Case:
 
 
 def _car(dice: random.Random) -> Case:
-    models = share.folder("models")
+    models = shipped.folder("models")
     for name in ("car", "parts"):
         shutil.rmtree(name, ignore_errors=True)
     shutil.copytree(models / "rc", "car")

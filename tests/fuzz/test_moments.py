@@ -19,10 +19,12 @@ import pytest
 from PIL import Image
 
 import mjmerge
-from mjmerge import baseline, campaign, share
+from mjmerge.config import shipped
+from mjmerge.gate import baseline
 from mjmerge.record.read import read
-from mjmerge.sweep import sweep
-from mjmerge.sweep_folder import TABLE
+from mjmerge.sweep import campaign
+from mjmerge.sweep.folder import TABLE
+from mjmerge.sweep.sweep import sweep
 
 PACKAGE = str(Path(mjmerge.__file__).parents[1])
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -43,7 +45,7 @@ gate:
 @pytest.fixture
 def place(tmp_path, monkeypatch) -> Path:
     """A folder with a scenario of 3 s, a campaign and a gate."""
-    text = share.scenarios()["charge"].read_text().partition("\ngate:")[0]
+    text = shipped.scenarios()["charge"].read_text().partition("\ngate:")[0]
     assert "duration_s: 12" in text
     (tmp_path / "short.yaml").write_text(text.replace("duration_s: 12", "duration_s: 3") + GATE)
     (tmp_path / "campaign.yaml").write_text(CAMPAIGN)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from mjmerge import MjmergeError, continuous, judge, load, simulate
+from mjmerge import MjmergeError, judge, load, simulate
 from mjmerge.drivers import Along, kinds
-from mjmerge.trace import COLUMNS
+from mjmerge.simulation import continuous
+from mjmerge.simulation.trace import COLUMNS
 from tests.paper.reference import solve
 
 

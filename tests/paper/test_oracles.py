@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 
 from mjmerge import load, simulate
 from mjmerge.law import Sensed, decide
-from mjmerge.law.barrier import barrier
-from mjmerge.law.opinion import rates
-from mjmerge.loader import data_sheet
-from mjmerge.scenario import Law
+from mjmerge.law.opinion_dynamics.barrier import barrier
+from mjmerge.law.opinion_dynamics.opinion import rates
+from mjmerge.scenario.load import data_sheet
+from mjmerge.scenario.schema import Law
 
 LAW = Law(r_rho_m=-1.206, r_eta_m=1.457)
 

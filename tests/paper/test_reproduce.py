@@ -14,16 +14,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mjmerge import facts, reproduce
-from mjmerge.animation import EVERY_S, SHOWN_S, animate, ticks
-from mjmerge.bifurcation import branches, converging
 from mjmerge.cli import main
-from mjmerge.figures import distances
-from mjmerge.law import VARIANTS, merge
-from mjmerge.loader import load
-from mjmerge.scenario import Law
-from mjmerge.simulate import simulate
-from mjmerge.trace import Stop
+from mjmerge.figures.animation import EVERY_S, SHOWN_S, animate, ticks
+from mjmerge.figures.runs import distances
+from mjmerge.law import VARIANTS
+from mjmerge.law.opinion_dynamics import law as merge
+from mjmerge.paper import facts, reproduce
+from mjmerge.paper.bifurcation import branches, converging
+from mjmerge.scenario.load import load
+from mjmerge.scenario.schema import Law
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import Stop
 
 CLAIMS = [fact.claim for fact in facts.FACTS]
 STEP_S = 0.1

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjmerge import MjmergeError, load, simulate
+from mjmerge.config.frozen import Frozen
+from mjmerge.config.units import unit
 from mjmerge.drivers import kinds
 from mjmerge.errors import ModelError, ScenarioError
-from mjmerge.frozen import Frozen
-from mjmerge.loader import car_sheets, dump
-from mjmerge.scenario import Belief, Scenario
-from mjmerge.trace import COLUMNS
-from mjmerge.units import unit
+from mjmerge.scenario.load import car_sheets, dump
+from mjmerge.scenario.schema import Belief, Scenario
+from mjmerge.simulation.trace import COLUMNS
 
 NAMES = ("paper", "charge", "flips", "blocked", "leader_brakes", "stop_and_go")
 SHIPPED = [load(name) for name in NAMES]

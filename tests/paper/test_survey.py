@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mjmerge import simulate
-from mjmerge.decision import decision
 from mjmerge.errors import ScenarioError
-from mjmerge.survey import TOGETHER, random_scenario, survey
+from mjmerge.paper.survey import TOGETHER, random_scenario, survey
+from mjmerge.verdict.decision import decision
 
 
 def test_every_variant_gets_the_same_merges():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjmerge import theorem
+from mjmerge.paper import theorem
 
 DURATION_S = 6.0
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from mjmerge import MjmergeError, load, simulate
 from mjmerge.errors import ScenarioError
 from mjmerge.law import VARIANTS, Sensed, advance, bifurcation_input, decide
-from mjmerge.law.barrier import barrier
-from mjmerge.law.variants import PARTS, reading
-from mjmerge.scenario import Law
+from mjmerge.law.opinion_dynamics.barrier import barrier
+from mjmerge.law.opinion_dynamics.variants import PARTS, reading
+from mjmerge.scenario.schema import Law
 
 LITERAL = Law(r_rho_m=-1.2, r_eta_m=1.4)
 ALL = [c for n in range(1, len(PARTS) + 1) for c in combinations(PARTS, n)]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from mjmerge import share
-from mjmerge.world import single
+from mjmerge.config import shipped
+from mjmerge.world.compose import single
 
 
-@pytest.fixture(scope="module", params=sorted(share.models()))
+@pytest.fixture(scope="module", params=sorted(shipped.models()))
 def car(request):
     """Name of a model."""
     return request.param

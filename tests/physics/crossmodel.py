@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjmerge.manoeuvres import Scale, hold
-from mjmerge.proving import G_MPS2, Log, drive
-from mjmerge.world import single
+from mjmerge.proving.ground import G_MPS2, Log, drive
+from mjmerge.proving.manoeuvres import Scale, hold
+from mjmerge.world.compose import single
 from tests.physics.setups import set_up, turning_inertia_kg_m2
 from tests.physics.single_track import SingleTrack
 

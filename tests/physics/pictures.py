@@ -12,12 +12,12 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from mjmerge import share
-from mjmerge.figures import save, sheet
-from mjmerge.identified import cornering, handling, longitudinal, markdown, steering
-from mjmerge.identify import identify
-from mjmerge.scenario import CARS
-from mjmerge.world import STEERED, compose
+from mjmerge.config import shipped
+from mjmerge.figures.runs import save, sheet
+from mjmerge.proving.identify import identify
+from mjmerge.proving.report import cornering, handling, longitudinal, markdown, steering
+from mjmerge.scenario.schema import CARS
+from mjmerge.world.compose import STEERED, compose
 from tests.physics.crossmodel import LOADED, MANOEUVRES, Comparison, compare
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -84,7 +84,7 @@ def main() -> None:
     folder.mkdir(exist_ok=True)
     page = (DOCS / "cars.md").read_text(encoding="utf-8")
     differences = []
-    for model, role in zip(share.models(), CARS, strict=True):
+    for model, role in zip(shipped.models(), CARS, strict=True):
         for view in VIEWS:
             render(model, role, view).save(folder / f"{model}_{view}.png", optimize=True)
         found = identify(model)

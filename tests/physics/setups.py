@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mjmerge.datasheet import Axles
-from mjmerge.world import single
+from mjmerge.vehicle.datasheet import Axles
+from mjmerge.world.compose import single
 
 
 def set_up(model, front, rear):

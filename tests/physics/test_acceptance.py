@@ -12,19 +12,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmerge import share
-from mjmerge.acceptance import FILE, acceptance
-from mjmerge.actuation import AIR_KG_PER_M3
-from mjmerge.identify import (
+from mjmerge.config import shipped
+from mjmerge.proving.ground import G_MPS2
+from mjmerge.proving.identify import (
     braking_distance_m,
     braking_mps2,
     identify,
     peak_lateral_mps2,
     steering_beyond_rad,
 )
-from mjmerge.manoeuvres import STEPS_G, Scale, brake, steer_ramp
-from mjmerge.proving import G_MPS2
-from mjmerge.world import single
+from mjmerge.proving.manoeuvres import STEPS_G, Scale, brake, steer_ramp
+from mjmerge.vehicle.acceptance import FILE, acceptance
+from mjmerge.vehicle.actuation import AIR_KG_PER_M3
+from mjmerge.world.compose import single
 
 LOW_GRIP = 0.4
 
@@ -125,7 +125,7 @@ def test_identify_finds_nothing_amiss(found):
 
 def test_what_is_stored_beside_the_model_is_of_this_car_and_passed(car, found):
     """Of a shipped car; after editing it: `mjmerge identify NAME --accept`."""
-    folder = share.model_folder(car)
+    folder = shipped.model_folder(car)
     stored = json.loads((folder / FILE).read_text(encoding="utf-8"))
     assert acceptance(folder).state == "passed"
     assert [row["name"] for row in stored["table"]] == [row.name for row in found.table]

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmerge.world import compose
+from mjmerge.world.compose import compose
 
 CHASSIS = ("ego/chassis", "vehicle_1/chassis")
 

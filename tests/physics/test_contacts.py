@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmerge.loader import data_sheet, load
-from mjmerge.metrics import clear_ticks_without_margin, events, touching_ticks_in_margin
 from mjmerge.plant import make
-from mjmerge.scenario import CARS
-from mjmerge.simulate import simulate
+from mjmerge.scenario.load import data_sheet, load
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.loop import simulate
 from mjmerge.state import Controls
-from mjmerge.world import build
+from mjmerge.verdict.metrics import clear_ticks_without_margin, events, touching_ticks_in_margin
+from mjmerge.world.compose import build
 
 SHEET = data_sheet("rc")
 APART = 0.05

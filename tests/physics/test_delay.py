@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from mjmerge.actuation import BelievedCars, command
-from mjmerge.delay import steps_late
-from mjmerge.mismatch import Mismatch
 from mjmerge.plant.mujoco import MuJoCo
-from mjmerge.world import BRAKE, DRIVE, STEER, single
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.vehicle.actuation import BelievedCars, command
+from mjmerge.vehicle.delay import steps_late
+from mjmerge.world.compose import BRAKE, DRIVE, STEER, single
 
 STEP_S, SUBSTEPS = 0.001, 10
 LOCKED_RADPS = 1.0  # below this wheel speed a brake is a plain damper

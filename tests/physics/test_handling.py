@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mjmerge.identify import read_turns
-from mjmerge.manoeuvres import Scale, hold, steady_turns, turn, understeer_rad_s2_per_m
-from mjmerge.proving import G_MPS2, drive
-from mjmerge.world import single
+from mjmerge.proving.ground import G_MPS2, drive
+from mjmerge.proving.identify import read_turns
+from mjmerge.proving.manoeuvres import Scale, hold, steady_turns, turn, understeer_rad_s2_per_m
+from mjmerge.world.compose import single
 from tests.physics.setups import set_up, turning_inertia_kg_m2
 
 SPEED_RANGES = {"sedan": (5.0, 30.0), "rc": (1.0, 5.0)}

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mjmerge.actuation import BelievedCars, command
 from mjmerge.errors import ModelError
-from mjmerge.levels import LEVELS
-from mjmerge.loader import data_sheet
-from mjmerge.mismatch import SENSING, Mismatch
 from mjmerge.plant.mujoco import MuJoCo
 from mjmerge.plant.truth import altered
-from mjmerge.proving import wheel_loads_n
-from mjmerge.world import DRIVE, STEER, World, single
+from mjmerge.proving.ground import wheel_loads_n
+from mjmerge.scenario.levels import LEVELS
+from mjmerge.scenario.load import data_sheet
+from mjmerge.scenario.mismatch import SENSING, Mismatch
+from mjmerge.vehicle.actuation import BelievedCars, command
+from mjmerge.world.compose import DRIVE, STEER, World, single
 
 G = 9.81
 SHEET = data_sheet("rc")
@@ -339,8 +339,8 @@ def test_commands_are_late_by_their_dead_time_and_then_the_same(world, what):
 
 
 def test_the_neighbours_have_nothing_of_the_egos(world):
-    from mjmerge.loader import load
-    from mjmerge.world import build
+    from mjmerge.scenario.load import load
+    from mjmerge.world.compose import build
 
     mismatch = Mismatch(
         load_kg=1.0, wheel_radius=0.95, torque_limit=0.5, brake_limit=0.5, steer_limit_rad=0.1, steer_lag=3.0,

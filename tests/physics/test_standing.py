@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mjmerge.actuation import CRAWL_MPS, BelievedCars, command
-from mjmerge.loader import data_sheet, load
-from mjmerge.mismatch import Mismatch
 from mjmerge.plant import make
-from mjmerge.proving import G_MPS2, TICK_S, drive
-from mjmerge.scenario import CARS
-from mjmerge.simulate import simulate
-from mjmerge.world import build, single
+from mjmerge.proving.ground import G_MPS2, TICK_S, drive
+from mjmerge.scenario.load import data_sheet, load
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.loop import simulate
+from mjmerge.vehicle.actuation import CRAWL_MPS, BelievedCars, command
+from mjmerge.world.compose import build, single
 
 GRADES = np.array([0, 0.1, -0.1, 0.2, -0.2, 0, 0, 0.15])
 BANKS = np.array([0, 0, 0, 0, 0, 0.2, -0.2, 0.15])

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmerge.loader import car_sheets
 from mjmerge.record import Header, versions
-from mjmerge.scenario import CARS, Scenario
-from mjmerge.trace import COLUMNS, Block, the_truth
+from mjmerge.scenario.load import car_sheets
+from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.simulation.trace import COLUMNS, Block, the_truth
 
 _CAR = """
 <body name="{car}/" pos="0 {y} 0.05">

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from mjmerge.record import FORMATS, Outcome
-from mjmerge.record.again import header, outcome, posed
-from mjmerge.record.base import PosedBlock
-from mjmerge.record.derived import cars_of, commands, geometry
 from mjmerge.record.read import Recorded, read
+from mjmerge.record.recording import PosedBlock
 from mjmerge.record.scene import Scene
-from mjmerge.trace import Array, the_truth
+from mjmerge.review.derived import cars_of, commands, geometry
+from mjmerge.review.poses import header, outcome, posed
+from mjmerge.simulation.trace import Array, the_truth
 
 Change = Callable[[dict[str, Array]], None]
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-import mjmerge.record.rerun  # noqa: F401  # Rerun is found once ours is imported
+import mjmerge.record.rerun.recorder  # noqa: F401  # Rerun is found once ours is imported
 
 Edit = Callable[[str, bytes], bytes]
 

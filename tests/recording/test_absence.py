@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from mjmerge.compare import Side
 from mjmerge.errors import MjmergeError, UnreadableError
-from mjmerge.loader import load
 from mjmerge.record.read import read
-from mjmerge.record.replay import replay
-from mjmerge.record.verify import Verified, verify
+from mjmerge.review.compare import Side
+from mjmerge.review.replay import replay
+from mjmerge.review.verify import Verified, verify
 from mjmerge.run import run
+from mjmerge.scenario.load import load
 from tests.recording import rewrite
 
 

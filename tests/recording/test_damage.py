@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from mjmerge.cli import main
-from mjmerge.loader import load
 from mjmerge.record import read as read_module
 from mjmerge.record.read import read
-from mjmerge.record.shown import Contents, alike, contents
-from mjmerge.record.verify import verify
+from mjmerge.review.shown import Contents, alike, contents
+from mjmerge.review.verify import verify
 from mjmerge.run import run
+from mjmerge.scenario.load import load
 from tests.recording.damage import DAMAGES
 
 SHORT, LONG = {"mcap": 16, "rrd": 8}, 1000

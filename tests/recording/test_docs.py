@@ -9,7 +9,7 @@ import pytest
 
 from mjmerge.record import FORMATS, Header
 from mjmerge.record.tables import fields, topics, unit
-from mjmerge.trace import COLUMNS
+from mjmerge.simulation.trace import COLUMNS
 
 from .conftest import MakeBlocks
 from .test_recording import columns, record

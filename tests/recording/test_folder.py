@@ -13,10 +13,10 @@ import pytest
 
 from mjmerge.cli import main
 from mjmerge.errors import UnreadableError
-from mjmerge.loader import load
-from mjmerge.record.folder import beside, verify_run
-from mjmerge.record.verify import Verified, verify
+from mjmerge.review.folder import beside, verify_run
+from mjmerge.review.verify import Verified, verify
 from mjmerge.run import run
+from mjmerge.scenario.load import load
 
 NOISE = "mismatch.neighbour_position_noise_m=0.02"
 SHORT = "duration_s=0.2"

@@ -14,16 +14,16 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mjmerge.loader import car_sheets, dump, load
 from mjmerge.record import FORMATS, Header, Recording, versions
-from mjmerge.record.again import outcome
 from mjmerge.record.read import read
-from mjmerge.record.replay import replay
-from mjmerge.record.verify import verify
+from mjmerge.review.poses import outcome
+from mjmerge.review.replay import replay
+from mjmerge.review.verify import verify
 from mjmerge.run import run
-from mjmerge.simulate import simulate
-from mjmerge.trace import Array
-from mjmerge.world import build
+from mjmerge.scenario.load import car_sheets, dump, load
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import Array
+from mjmerge.world.compose import build
 from tests.recording import rewrite
 from tests.recording.forge import Forger
 

@@ -14,14 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjmerge.errors import OutputError
-from mjmerge.loader import load
-from mjmerge.record import Header, Keep, arrow, foxglove_layout, plots, schema
-from mjmerge.record.base import join, pose
-from mjmerge.record.compare import Side, write_comparison
+from mjmerge.record import Header, Keep, plots, schema
+from mjmerge.record.mcap import foxglove as foxglove_layout
+from mjmerge.record.recording import join, pose
+from mjmerge.record.rerun import arrow
+from mjmerge.record.rerun.side_by_side import Side, write_comparison
 from mjmerge.record.scene import CAMERA, TARGET, Scene, closeness
 from mjmerge.run import selected
-from mjmerge.trace import BLOCK_S, block_ticks
-from mjmerge.world import build
+from mjmerge.scenario.load import load
+from mjmerge.simulation.trace import BLOCK_S, block_ticks
+from mjmerge.world.compose import build
 
 from .conftest import MakeBlocks
 from .test_recording import columns

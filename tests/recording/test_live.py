@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from mjmerge.errors import MjmergeError
-from mjmerge.loader import load
-from mjmerge.record.live import Live, port_of
+from mjmerge.record.rerun.live import Live, port_of
 from mjmerge.run import run
+from mjmerge.scenario.load import load
 
 from .viewer import await_views, complaints, free_port, has_vulkan, headless_viewer
 

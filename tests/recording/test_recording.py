@@ -21,7 +21,6 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import mjmerge.record.schema
-from mjmerge.loader import load
 from mjmerge.record import (
     FORMATS,
     Event,
@@ -33,13 +32,14 @@ from mjmerge.record import (
     open_mcap,
     plots,
 )
-from mjmerge.record.mcap_view import write_view
 from mjmerge.record.read import read, read_mcap, read_rrd
 from mjmerge.record.scene import Scene
 from mjmerge.record.schema import proto_text
+from mjmerge.review.view import write_view
 from mjmerge.run import run as run_scenario
-from mjmerge.scenario import CARS
-from mjmerge.trace import COLUMNS, Array, Block
+from mjmerge.scenario.load import load
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.trace import COLUMNS, Array, Block
 
 from .conftest import MakeBlocks
 from .viewer import rerun_cli
@@ -168,7 +168,7 @@ def test_every_drawn_geom_is_in_the_scene_and_no_hull(header: Header) -> None:
 def test_every_view_shows_something_that_exists(run: Path, header: Header) -> None:
     import rerun.chunk as rc
 
-    from mjmerge.record.layout import blueprint
+    from mjmerge.record.rerun.layout import blueprint
 
     have = {chunk.entity_path for chunk in rc.RrdReader(run / "run.rrd").stream()}
 
@@ -250,7 +250,7 @@ def test_a_full_disk_ends_recordings_readably(
     blocks = make_blocks(3, 3)
     with Recording(tmp_path, header, FORMATS) as recording:
         recording.write(blocks[0])
-        monkeypatch.setattr("mjmerge.record.base._SPARE_BYTES", 2**80)
+        monkeypatch.setattr("mjmerge.record.recording._SPARE_BYTES", 2**80)
         recording.write(blocks[1])
         recording.close(OUTCOME)
     assert [f.split(":")[0] for f in recording.failures] == list(FORMATS)
@@ -302,7 +302,7 @@ def test_rerun_switched_off_is_a_failure(tmp_path: Path) -> None:
     code = """
 import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])
 import conftest, mujoco
-from mjmerge.loader import car_sheets
+from mjmerge.scenario.load import car_sheets
 from mjmerge.record import Header, Outcome, Recording, open_rrd
 model = mujoco.MjModel.from_xml_string(conftest.WORLD_XML)
 header = Header(conftest.SCENARIO, "", "mujoco", 0, model, "", {}, .01,

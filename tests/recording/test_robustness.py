@@ -17,15 +17,15 @@ import numpy as np
 import pytest
 
 from mjmerge.cli import main
-from mjmerge.loader import load
-from mjmerge.record.base import PosedBlock
-from mjmerge.record.mcap import McapRecorder
+from mjmerge.record.mcap.recorder import McapRecorder
 from mjmerge.record.read import read
-from mjmerge.record.recover import recover, recovered_name
-from mjmerge.record.rerun import RerunRecorder
-from mjmerge.record.verify import verify
+from mjmerge.record.recording import PosedBlock
+from mjmerge.record.rerun.recorder import RerunRecorder
+from mjmerge.review.recover import recover, recovered_name
+from mjmerge.review.verify import verify
 from mjmerge.run import run
-from mjmerge.trace import BLOCK_S
+from mjmerge.scenario.load import load
+from mjmerge.simulation.trace import BLOCK_S
 
 from .viewer import rerun_cli
 
@@ -38,10 +38,10 @@ PARTIAL = ("run.mcap.partial", "run.rrd.partial")
 RUN = """
 import sys
 from pathlib import Path
-import mjmerge.simulate
-from mjmerge.loader import load
+import mjmerge.simulation.loop
+from mjmerge.scenario.load import load
 from mjmerge.run import run
-mjmerge.simulate._PROGRESS_TICKS = 1
+mjmerge.simulation.loop._PROGRESS_TICKS = 1
 run(load("paper"), sys.argv[2], folder=Path(sys.argv[1]), progress=lambda t: print(t, flush=True))
 """
 

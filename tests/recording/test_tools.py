@@ -13,15 +13,15 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from mjmerge import video
 from mjmerge.cli import main
-from mjmerge.loader import load
-from mjmerge.record.again import header, poses
-from mjmerge.record.convert import flat
 from mjmerge.record.read import read
 from mjmerge.record.scene import Scene
+from mjmerge.review import video
+from mjmerge.review.convert import flat
+from mjmerge.review.poses import header, poses
 from mjmerge.run import run
-from mjmerge.trace import COLUMNS
+from mjmerge.scenario.load import load
+from mjmerge.simulation.trace import COLUMNS
 
 KINDS = ("mcap", "rrd")
 
@@ -92,7 +92,7 @@ def test_replay_of_an_unfinished_file_compares_what_there_is(mjmerge, folders, t
 
 
 def test_replay_names_what_differs_and_which_versions_do(mjmerge, folders, monkeypatch) -> None:
-    monkeypatch.setattr("mjmerge.record.replay.versions", lambda: {"mujoco": "9.9"})
+    monkeypatch.setattr("mjmerge.review.replay.versions", lambda: {"mujoco": "9.9"})
     recorded = read(folders["double_integrator"] / "run.mcap")
     other = recorded.scenario().model_copy(update={"duration_s": 1.3})
     other = other.model_copy(update={"law": other.law.model_copy(update={"k_v": 2.1})})
@@ -259,6 +259,8 @@ def test_without_pyav_the_extra_is_named(mjmerge, folders, monkeypatch) -> None:
 
 
 def test_video_is_not_imported_before_it_is_used() -> None:
-    code = "import mjmerge.video, sys; print([m for m in ('av', 'mujoco.renderer') if m in sys.modules])"
+    code = (
+        "import mjmerge.review.video, sys; print([m for m in ('av', 'mujoco.renderer') if m in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout.strip() == "[]", done.stderr

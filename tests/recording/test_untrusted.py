@@ -14,8 +14,9 @@ import pytest
 import mjmerge.run
 from mjmerge.cli import main
 from mjmerge.errors import UnreadableError
-from mjmerge.record import attached, viewer
-from mjmerge.world import build
+from mjmerge.record import attached
+from mjmerge.record.rerun import viewer
+from mjmerge.world.compose import build
 
 from .viewer import rerun_cli
 

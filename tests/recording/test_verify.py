@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjmerge import share
+from mjmerge.config import shipped
 from mjmerge.errors import UnreadableError
-from mjmerge.loader import load
-from mjmerge.record.again import header
 from mjmerge.record.digest import digests
 from mjmerge.record.read import Recorded, read
-from mjmerge.record.replay import replay
-from mjmerge.record.verify import Verified, verify
+from mjmerge.review.poses import header
+from mjmerge.review.replay import replay
+from mjmerge.review.verify import Verified, verify
 from mjmerge.run import run
-from mjmerge.trace import Array
+from mjmerge.scenario.load import load
+from mjmerge.simulation.trace import Array
 from tests.recording import rewrite
 from tests.recording.forge import Forger
 
@@ -99,7 +99,7 @@ def test_the_runs_are_as_different_as_they_are_called(recorded) -> None:
     assert read_("continuous").manifest["continuous"]
 
 
-@pytest.mark.parametrize("name", share.scenarios())
+@pytest.mark.parametrize("name", shipped.scenarios())
 def test_shipped_scenarios_are_recorded_rightly(tmp_path: Path, name: str) -> None:
     run(load(name, ["duration_s=0.6"]), "mujoco", folder=tmp_path)
     assert [verify(tmp_path / f"run.{kind}").right for kind in KINDS] == [True, True]
@@ -195,7 +195,7 @@ def test_a_removed_tick_is_found(forger: Forger, tmp_path: Path, tick: int) -> N
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_of_another_schema_is_named(recorded, monkeypatch, kind: str) -> None:
     monkeypatch.setattr(f"mjmerge.record.from_{kind}.SCHEMA_VERSION", 99)
-    monkeypatch.setattr("mjmerge.record.verify.SCHEMA_VERSION", 99)
+    monkeypatch.setattr("mjmerge.review.verify.SCHEMA_VERSION", 99)
     found = verify(recorded("points") / f"run.{kind}")
     assert wrong(found) == {"schema"}
     assert "99" in found.checks[-1].says
@@ -232,7 +232,7 @@ def test_a_truthful_recording_stays_right_whatever_becomes_of_its_models(
     tmp_path: Path, kind: str, change: str
 ) -> None:
     models = tmp_path / "models"
-    shutil.copytree(share.folder("models"), models)
+    shutil.copytree(shipped.folder("models"), models)
     mine = (models / "rc").rename(models / "mine")
     (mine / "rc.xml").rename(mine / "mine.xml")
     folder = record(tmp_path / "run", "bicycle", models=f"models.ego={mine}")
@@ -251,7 +251,7 @@ def test_a_truthful_recording_stays_right_whatever_becomes_of_its_models(
 @pytest.mark.parametrize("change", ["gone", "edited"])
 def test_a_car_of_ones_own_is_replayed_from_the_attached_world_and_sheet(tmp_path: Path, change: str) -> None:
     models = tmp_path / "models"
-    shutil.copytree(share.folder("models"), models)
+    shutil.copytree(shipped.folder("models"), models)
     mine = (models / "rc").rename(models / "mine")
     (mine / "rc.xml").rename(mine / "mine.xml")
     folder = record(tmp_path / "run", "mujoco", 0.4, models=f"models.ego={mine}")
@@ -291,7 +291,7 @@ def test_what_does_not_follow_from_the_file_is_listed(recorded) -> None:
 
 def test_a_car_with_a_mesh_in_a_file_is_recorded_with_its_vertices(tmp_path: Path) -> None:
     models = tmp_path / "models"
-    shutil.copytree(share.folder("models"), models)
+    shutil.copytree(shipped.folder("models"), models)
     mine = (models / "rc").rename(models / "mine")
     corners = np.array([[0.1, 0, 0.1], [0.2, 0, 0.1], [0.1, 0.07, 0.1], [0.1, 0, 0.16]], np.float32)
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]

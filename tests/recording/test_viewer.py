@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from mjmerge.loader import load
 from mjmerge.record import Header, Outcome, Recording, open_rrd
-from mjmerge.record.mcap_view import write_view
+from mjmerge.review.view import write_view
 from mjmerge.run import run
+from mjmerge.scenario.load import load
 
 from .conftest import MakeBlocks
 from .viewer import has_vulkan, open_headless

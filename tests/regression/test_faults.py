@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 import mjmerge
-from mjmerge import baseline, gate, share
+from mjmerge.config import shipped
+from mjmerge.gate import baseline, gate
 
 ROWS = ("ideal", "grippy")
 
@@ -34,7 +35,7 @@ def fails(folder: Path) -> dict[str, tuple[str, ...]]:
 def _fails(folder: Path) -> dict[str, tuple[str, ...]]:
     rows = [row for row in gate.rows([folder]) if row.check.name in ROWS]
     assert {row.check.name for row in rows} == set(ROWS)
-    shipped = share.folder("scenarios") / "baselines"
+    shipped = shipped.folder("scenarios") / "baselines"
     return {r.row.check.name: r.problems for r in gate.run(rows, shipped) if r.problems}
 
 
@@ -42,7 +43,7 @@ def _fails(folder: Path) -> dict[str, tuple[str, ...]]:
 def scratch(tmp_path):
     """``charge`` in a folder of its own."""
     file = tmp_path / "charge.yaml"
-    shutil.copy(share.scenarios()["charge"], file)
+    shutil.copy(shipped.scenarios()["charge"], file)
     return file
 
 
@@ -96,7 +97,7 @@ def test_the_gate_fails_when_g_has_the_wrong_sign(tmp_path, file, right, wrong, 
     home = Path(mjmerge.__file__).parent
     shutil.copytree(home, tmp_path / "mjmerge", ignore=shutil.ignore_patterns("__pycache__"))
     for kind in ("models", "scenarios"):
-        shutil.copytree(share.folder(kind), tmp_path / kind, dirs_exist_ok=True)
+        shutil.copytree(shipped.folder(kind), tmp_path / kind, dirs_exist_ok=True)
     target = tmp_path / "mjmerge" / file
     text = target.read_text(encoding="utf-8")
     assert text.count(right) == 1
@@ -121,7 +122,7 @@ def test_charge_breaks_where_physics_says_so(fault):
 
 
 def test_physics_costs_charge_less_than_3_cm_on_grippy_ground():
-    known = baseline.read(share.folder("scenarios") / "baselines" / "charge.csv")
+    known = baseline.read(shipped.folder("scenarios") / "baselines" / "charge.csv")
     ideal, real = known["ideal"][0], known["grippy"][0]
     assert real.min_d_1_m == pytest.approx(ideal.min_d_1_m, abs=0.03)
     assert real.min_d_2_m == pytest.approx(ideal.min_d_2_m, abs=0.03)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from mjmerge import share
+from mjmerge.config import shipped
 
 
 @pytest.fixture
@@ -14,9 +14,9 @@ def altered_car(tmp_path) -> Callable:
 
     def make(*changes, base="rc", shared=(), sheet=(), called="own"):
         folder = tmp_path / called
-        shutil.copytree(share.models()[base], folder)
+        shutil.copytree(shipped.models()[base], folder)
         if not (tmp_path / "parts").exists():
-            shutil.copytree(share.folder("models") / "parts", tmp_path / "parts")
+            shutil.copytree(shipped.folder("models") / "parts", tmp_path / "parts")
         (folder / f"{base}.xml").rename(folder / f"{called}.xml")
         wanted = (folder / f"{called}.xml", changes), (tmp_path / "parts" / "car.xml", shared)
         for file, some in (*wanted, (folder / "datasheet.yaml", sheet)):

@@ -7,8 +7,8 @@ import shutil
 import numpy as np
 import pytest
 
-from mjmerge import share
-from mjmerge.acceptance import FILE, Measured, acceptance, fingerprint, store
+from mjmerge.config import shipped
+from mjmerge.vehicle.acceptance import FILE, Measured, acceptance, fingerprint, store
 
 GOOD = Measured("mass", "kg", 1.001, 1.0, 0.01, "scales")
 BAD = Measured("radius", "m", 0.3, 0.2, 0.01, "ruler")
@@ -18,7 +18,7 @@ OPEN = Measured("colour", "", 3.0, None, None, "eye")
 @pytest.fixture
 def folder(tmp_path):
     """A copy of a shipped model with the parts it shares."""
-    shutil.copytree(share.folder("models"), tmp_path / "models")
+    shutil.copytree(shipped.folder("models"), tmp_path / "models")
     found = tmp_path / "models" / "rc"
     (found / FILE).unlink(missing_ok=True)
     return found
@@ -86,9 +86,9 @@ def test_a_car_whose_meshes_are_in_a_folder_of_their_own_is_stale_when_one_of_th
 
 
 def test_the_fingerprint_is_of_the_files_and_not_of_where_they_are(folder):
-    assert fingerprint(folder) == fingerprint(share.model_folder("rc"))
+    assert fingerprint(folder) == fingerprint(shipped.model_folder("rc"))
     (folder / "README.md").write_text("other words")
-    assert fingerprint(folder) == fingerprint(share.model_folder("rc"))
+    assert fingerprint(folder) == fingerprint(shipped.model_folder("rc"))
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"table": 3}', "\x00"])

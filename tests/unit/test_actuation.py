@@ -5,7 +5,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mjmerge.actuation import (
+from mjmerge.scenario.load import data_sheet, load
+from mjmerge.state import Cars
+from mjmerge.vehicle.actuation import (
     CRAWL_MPS,
     BelievedCars,
     Feet,
@@ -14,8 +16,6 @@ from mjmerge.actuation import (
     believed_sheets,
     bicycle_angle,
 )
-from mjmerge.loader import data_sheet, load
-from mjmerge.state import Cars
 
 SHEET = data_sheet("rc")
 H, EPS_V = 0.01, 0.1

@@ -6,11 +6,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mjmerge.law import Sensed, decide
-from mjmerge.law.barrier import barrier
-from mjmerge.mismatch import Mismatch
+from mjmerge.law.opinion_dynamics.barrier import barrier
 from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.kinematic import Arrivals
-from mjmerge.scenario import Law
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import Law
 from mjmerge.state import Controls
 
 ALONE = Law(k_p=0, k_v=0, r_rho_m=-1.2, r_eta_m=0.0)

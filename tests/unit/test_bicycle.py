@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge.bicycle import derivative, front_velocity, inverse
+from mjmerge.vehicle.bicycle import derivative, front_velocity, inverse
 
 L, EPS_V = 0.33, 0.1
 angle, steer = st.floats(-np.pi, np.pi), st.floats(-1.2, 1.2)

@@ -7,10 +7,11 @@ import time
 import pytest
 
 import mjmerge
-from mjmerge import bounds, campaign
 from mjmerge.cli import main
+from mjmerge.config import bounds
 from mjmerge.errors import MjmergeError, ScenarioError
-from mjmerge.world import build
+from mjmerge.sweep import campaign
+from mjmerge.world.compose import build
 
 KEYS = ("k_o", "k_p", "k_v", "k", "eps", "k_mu", "k_w", "k_s")
 FASTEST_S = 3.0  # on a machine that does other things, too

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mjmerge
-from mjmerge import breaking, breaking_report
-from mjmerge.breaking import FRONTIER, WITHIN, Range, ranged, search
 from mjmerge.errors import MjmergeError
-from mjmerge.workers import Workers
+from mjmerge.search import breaking
+from mjmerge.search import report as breaking_report
+from mjmerge.search.breaking import FRONTIER, WITHIN, Range, ranged, search
+from mjmerge.sweep.workers import Workers
 
 KEY = "mismatch.neighbour_position_noise_m"
 OTHER = "mismatch.position_noise_m"

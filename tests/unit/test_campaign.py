@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge import plan as plans
-from mjmerge import share
-from mjmerge.campaign import GRID, RANDOM, Campaign, plan
-from mjmerge.document import parse
+from mjmerge.config import shipped
+from mjmerge.config.document import parse
 from mjmerge.errors import MjmergeError, ScenarioError
-from mjmerge.loader import json_schema, load
-from mjmerge.plan import NONE, Batches, written
+from mjmerge.scenario.load import json_schema, load
+from mjmerge.sweep import plan as plans
+from mjmerge.sweep.campaign import GRID, RANDOM, Campaign, plan
+from mjmerge.sweep.plan import NONE, Batches, written
 
 WRONG = """\
 description: everything wrong
@@ -147,7 +147,7 @@ def test_what_a_run_sets_loads_as_the_same_scenario():
 
 
 def test_scenarios_are_found_beside_the_campaign(tmp_path):
-    (tmp_path / "mine.yaml").write_text((share.folder("scenarios") / "paper.yaml").read_text())
+    (tmp_path / "mine.yaml").write_text((shipped.folder("scenarios") / "paper.yaml").read_text())
     (tmp_path / "c.yaml").write_text("blocks: [{scenarios: [mine.yaml]}]")
     (case,) = plan(tmp_path / "c.yaml").cases
     assert case.batch.scenario.name == "mine"
@@ -183,7 +183,7 @@ def test_a_case_from_the_command_line_is_checked():
         Batches().case("paper", "bicycle", {"mismatch.frictoin": 1})
 
 
-@pytest.mark.parametrize("name", share.campaigns())
+@pytest.mark.parametrize("name", shipped.campaigns())
 def test_shipped_campaigns_are_valid_and_described(name):
     found = plan(name)
     assert found.description
@@ -191,8 +191,8 @@ def test_shipped_campaigns_are_valid_and_described(name):
 
 
 def test_the_schema_for_editors_is_that_of_the_code():
-    stored = (share.folder("scenarios") / "campaigns" / "schema.json").read_text()
+    stored = (shipped.folder("scenarios") / "campaigns" / "schema.json").read_text()
     assert stored == json_schema(Campaign)
     assert json.loads(stored)["title"] == "Campaign"
-    for file in share.campaigns().values():
+    for file in shipped.campaigns().values():
         assert file.read_text().startswith("# yaml-language-server: $schema=schema.json\n"), Path(file).name

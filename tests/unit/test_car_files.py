@@ -5,12 +5,12 @@ import shutil
 
 import pytest
 
-from mjmerge import share
+from mjmerge.config import shipped
 from mjmerge.errors import ModelError
-from mjmerge.identify import identify
-from mjmerge.loader import load
-from mjmerge.scenario import CARS
-from mjmerge.world import build, compose, single
+from mjmerge.proving.identify import identify
+from mjmerge.scenario.load import load
+from mjmerge.scenario.schema import CARS
+from mjmerge.world.compose import build, compose, single
 
 WORLDBODY = "<worldbody>"
 CHASSIS = '<body name="chassis" pos="0 0 0.055">'
@@ -416,7 +416,7 @@ def test_an_option_without_a_word_in_it_says_nothing_and_is_let_by(altered_car):
     assert single(str(altered_car(("  <worldbody>", "  <option/><visual/>\n  <worldbody>")))).model.nq
 
 
-@pytest.mark.parametrize("name", sorted(share.models()))
+@pytest.mark.parametrize("name", sorted(shipped.models()))
 def test_the_shipped_cars_beside_each_other_change_nothing_of_the_world(name):
     model = compose({"ego": "rc", "vehicle_1": "sedan", "vehicle_2": name}).model
     assert model.opt.gravity.tolist() == [0, 0, -9.81]

@@ -8,7 +8,7 @@ import pytest
 from lxml import etree
 
 from mjmerge.errors import ModelError
-from mjmerge.world import compose
+from mjmerge.world.compose import compose
 
 NUMBERS = ("", "nan", "inf", "1e400", "-1", "0", "0 0", "1 2 3", "1e-300", "1e300", "9" * 20, "0 0 1")
 WORDS = ("a", "world", "chassis", "true", "hull", "mesh", "plane", "free", "ball", "radian", "../x", "ä")

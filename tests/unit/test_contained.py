@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmerge.contained import contained
 from mjmerge.errors import ModelError
 from mjmerge.record.attached import refusal
+from mjmerge.world.contained import contained
 
 OBJ = b"v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
 
@@ -91,6 +91,6 @@ def test_what_cannot_be_written_out_is_refused():
 
 
 def test_meshes_that_are_too_large_for_a_recording_are_refused_with_the_bound(monkeypatch):
-    monkeypatch.setattr("mjmerge.contained.MOST_BYTES", 1000)
+    monkeypatch.setattr("mjmerge.world.contained.MOST_BYTES", 1000)
     with pytest.raises(ModelError, match="give the car meshes with fewer vertices"):
         contained(WORLD, ASSETS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mjmerge import load, simulate
-from mjmerge.decision import conditions, decision
+from mjmerge.verdict.decision import conditions, decision
 
 T, H = 100, 0.01
 GOOD = {"x": -1.2, "gap": 2.0, "rate": 0.0}  # beside a gap that is wide (2 r = 1.2) and stays so

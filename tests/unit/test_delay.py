@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge.delay import Past, asked_s, steps_late
+from mjmerge.vehicle.delay import Past, asked_s, steps_late
 
 STEPS_S = (1e-3, 2e-3, 5e-4, 1 / 3000, 7e-4, 0.02)
 MOTOR = """

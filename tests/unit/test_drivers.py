@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from mjmerge.config.units import rescaled
 from mjmerge.drivers import Along, Traffic, kinds
 from mjmerge.drivers.flips import Flips
 from mjmerge.drivers.gap import Gap, Move, Sway
@@ -18,8 +19,7 @@ from mjmerge.drivers.lane import keep_lane
 from mjmerge.drivers.speeds import Change, Speeds
 from mjmerge.drivers.steady import Steady
 from mjmerge.errors import MjmergeError
-from mjmerge.loader import car_sheets, load
-from mjmerge.units import rescaled
+from mjmerge.scenario.load import car_sheets, load
 
 
 def example(kind):

@@ -11,11 +11,12 @@ from xml.etree import ElementTree
 import pytest
 from lxml import etree
 
-from mjmerge import baseline, gate, share
 from mjmerge.cli import main
+from mjmerge.config import shipped
 from mjmerge.errors import MjmergeError, ScenarioError, UnknownNameError
-from mjmerge.report import gate_failure
-from mjmerge.trace import Stop
+from mjmerge.gate import baseline, gate
+from mjmerge.simulation.trace import Stop
+from mjmerge.verdict.summary import gate_failure
 
 pytest_plugins = ["pytester"]
 
@@ -34,7 +35,7 @@ def folder(tmp_path):
 
 
 def write(folder: Path, rows: str, *changes: tuple[str, str]) -> Path:
-    text = share.scenarios()["charge"].read_text(encoding="utf-8").partition("\ngate:")[0]
+    text = shipped.scenarios()["charge"].read_text(encoding="utf-8").partition("\ngate:")[0]
     for old, new in (("duration_s: 12", "duration_s: 6"), *changes):
         assert old in text
         text = text.replace(old, new)
@@ -438,7 +439,7 @@ def test_each_row_is_an_item_of_pytest(folder, pytester):
 
 def test_a_scenario_is_meant_by_its_name_too_and_a_typo_is_told_the_nearest(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert gate.rows([Path("charge")]) == gate.rows([share.scenarios()["charge"]])
+    assert gate.rows([Path("charge")]) == gate.rows([shipped.scenarios()["charge"]])
     with pytest.raises(
         MjmergeError, match="no scenario, file or folder called 'chagre': did you mean 'charge'"
     ):

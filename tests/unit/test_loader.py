@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mjmerge import share
-from mjmerge.document import parse
+from mjmerge.config import shipped
+from mjmerge.config.document import parse
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError
-from mjmerge.loader import data_sheet, dump, json_schema, load
-from mjmerge.scenario import Scenario
+from mjmerge.scenario.load import data_sheet, dump, json_schema, load
+from mjmerge.scenario.schema import Scenario
 
 BASE = """\
 description: a merge
@@ -454,8 +454,8 @@ def test_the_message_starts_with_file_line_and_key(tmp_path):
 
 
 def test_shipped_scenarios_load_by_name_and_by_path():
-    assert len(share.scenarios()) > 0
-    for name, path in share.scenarios().items():
+    assert len(shipped.scenarios()) > 0
+    for name, path in shipped.scenarios().items():
         assert load(name) == load(path) == load(str(path))
         assert load(name).name == load(path).name == name
 
@@ -577,7 +577,7 @@ def own_model(tmp_path):
     """A folder beside the scenario with a car model of one's own."""
     folder = tmp_path / "mine"
     folder.mkdir()
-    (folder / "datasheet.yaml").write_text((share.model_folder("rc") / "datasheet.yaml").read_text())
+    (folder / "datasheet.yaml").write_text((shipped.model_folder("rc") / "datasheet.yaml").read_text())
     return folder
 
 
@@ -612,7 +612,7 @@ def test_a_data_sheet_that_has_changed_is_read_again(own_model):
 
 
 def test_every_shipped_model_has_a_data_sheet():
-    for name in share.models():
+    for name in shipped.models():
         assert data_sheet(name).wheelbase_m > 0
     with pytest.raises(UnknownNameError, match=r"did you mean 'rc'\?"):
         data_sheet("rcc")
@@ -622,7 +622,7 @@ def test_every_shipped_model_has_a_data_sheet():
 
 
 def test_dumping_what_was_dumped_gives_the_same_text(tmp_path):
-    for name in share.scenarios():
+    for name in shipped.scenarios():
         text = dump(load(name))
         (tmp_path / "scenario.yaml").write_text(text)
         again = load(tmp_path / "scenario.yaml")
@@ -663,7 +663,7 @@ def test_loading_a_dump_gives_an_equal_scenario(description, gains, mu, mass, mo
 
 
 def test_the_committed_schema_is_the_current_one():
-    committed = (share.folder("scenarios") / "schema.json").read_text(encoding="utf-8")
+    committed = (shipped.folder("scenarios") / "schema.json").read_text(encoding="utf-8")
     assert committed == json_schema(), "write json_schema() to scenarios/schema.json"
     schema = json.loads(committed)
     assert "name" not in schema["properties"]
@@ -673,7 +673,7 @@ def test_the_committed_schema_is_the_current_one():
 
 # --- fuzz
 
-PAPER = share.scenarios()["paper"].read_text(encoding="utf-8").splitlines()
+PAPER = shipped.scenarios()["paper"].read_text(encoding="utf-8").splitlines()
 SCRAP = st.one_of(
     st.text(max_size=20),
     st.sampled_from(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge.loops import longest_delay_s
+from mjmerge.verdict.loops import longest_delay_s
 
 K_V, K_O, K_P = 2.0, 1.0, 0.7
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from mjmerge.metrics import (
+from mjmerge.simulation.trace import Stop
+from mjmerge.verdict.metrics import (
     MERGED_M,
     clear_ticks_without_margin,
     events,
@@ -12,7 +13,6 @@ from mjmerge.metrics import (
     touching_ticks_in_margin,
     turned_rad,
 )
-from mjmerge.trace import Stop
 
 
 @pytest.fixture

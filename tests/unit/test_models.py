@@ -4,12 +4,12 @@ import shutil
 
 import pytest
 
-from mjmerge import share
+from mjmerge.config import shipped
 from mjmerge.errors import ModelError, ScenarioError
-from mjmerge.loader import load
-from mjmerge.world import build, single
+from mjmerge.scenario.load import load
+from mjmerge.world.compose import build, single
 
-NAMES = sorted(share.models())
+NAMES = sorted(shipped.models())
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def without(text, begin, end):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_missing_wheel_is_named(car, name):
-    text = (share.models()[name] / f"{name}.xml").read_text()
+    text = (shipped.models()[name] / f"{name}.xml").read_text()
     wheel = without(text, '<body name="wheel_rear_left">', "</body>")
     motor = '<motor name="drive_rear_left" joint="spin_rear_left" class="spin"/>'
     changes = [(wheel, "")] + ([(motor, "")] if motor in text else [])
@@ -54,7 +54,7 @@ def test_a_missing_wheel_is_named(car, name):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_renamed_joint_is_named_with_the_nearest_that_is_there(car, name):
     renamed = ('"spin_front_left"', '"spin_front_lft"')
-    text = (share.models()[name] / f"{name}.xml").read_text()
+    text = (shipped.models()[name] / f"{name}.xml").read_text()
     assert renamed[0] in text
     said = refused(car(renamed, base=name, shared=[renamed]))
     assert "own.xml: no joint called 'spin_front_left'; did you mean 'spin_front_lft'?" in said
@@ -71,7 +71,7 @@ def test_a_missing_steering_actuator_is_named(car):
 
 @pytest.mark.parametrize("body", ["chassis", "wheel_front_left", "hub_rear_right"])
 def test_a_body_without_mass_is_named(car, body):
-    text = (share.models()["rc"] / "rc.xml").read_text()
+    text = (shipped.models()["rc"] / "rc.xml").read_text()
     old = without(text, f'<body name="{body}"', "mass=")
     start = text.index(old) + len(old)
     mass = text[start : start + text[start + 1 :].index('"') + 2]
@@ -81,7 +81,7 @@ def test_a_body_without_mass_is_named(car, body):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_tyres_that_are_not_spheres_are_refused_with_the_reason(car, name):
-    text = (share.models()[name] / f"{name}.xml").read_text()
+    text = (shipped.models()[name] / f"{name}.xml").read_text()
     sphere = without(text, 'type="sphere" size="', '"')
     radius = without(text, sphere, '" group')
     said = refused(
@@ -148,7 +148,7 @@ def test_parts_in_the_wrong_place_are_named_with_where_they_are_expected(car, ch
 def test_a_model_without_its_mjcf_is_refused_with_the_file(tmp_path):
     folder = tmp_path / "own"
     folder.mkdir()
-    shutil.copy(share.models()["rc"] / "datasheet.yaml", folder)
+    shutil.copy(shipped.models()["rc"] / "datasheet.yaml", folder)
     assert "own.xml" in refused(load("paper", [f"models.ego={folder}"]))
 
 

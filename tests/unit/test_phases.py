@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mjmerge.hypotheses import HYPOTHESES
-from mjmerge.phases import ENDED, NAMES, phases
-from mjmerge.trace import Stop
+from mjmerge.simulation.trace import Stop
+from mjmerge.verdict.hypotheses import HYPOTHESES
+from mjmerge.verdict.phases import ENDED, NAMES, phases
 
 T = 40
 

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjmerge import judge, load, simulate
-from mjmerge.delay import Past
-from mjmerge.mismatch import SENSING, Mismatch
-from mjmerge.sensing import Sensing, exact
+from mjmerge.scenario.mismatch import SENSING, Mismatch
+from mjmerge.simulation.sensing import Sensing, exact
 from mjmerge.state import Cars
+from mjmerge.vehicle.delay import Past
 
 H = 0.01
 A, V = 0.4, 2.0  # all cars: x = x_0 + V t + A t^2/2, on a line

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge import share
+from mjmerge.config import shipped
 from mjmerge.plant.truth import Truth
 from mjmerge.plant.tyre import ADDED_MASS, FASTEST_PER_S, OUT_OF_REACH, front_stiffness
-from mjmerge.world import HARDEST, IMPRATIO, single
+from mjmerge.world.compose import HARDEST, IMPRATIO, single
 
-NAMES = sorted(share.models())
+NAMES = sorted(shipped.models())
 TYRES = {name: Truth.of(single(name), None).tyres for name in NAMES}
 IDEAL = {name: Truth.of(single(name, tyres="ideal"), None).tyres for name in NAMES}
 MU = 0.7

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from mjmerge.contract import BROKEN, HELD, INCOMPLETE, REFUTED, UNRESOLVED, VACUOUS, judge
-from mjmerge.hypotheses import HYPOTHESES, asked
-from mjmerge.hypotheses import broken as marks
-from mjmerge.loader import data_sheet
-from mjmerge.trace import Stop
+from mjmerge.scenario.load import data_sheet
+from mjmerge.simulation.trace import Stop
+from mjmerge.verdict.hypotheses import HYPOTHESES, asked
+from mjmerge.verdict.hypotheses import broken as marks
+from mjmerge.verdict.judge import BROKEN, HELD, INCOMPLETE, REFUTED, UNRESOLVED, VACUOUS, judge
 
 T = 60
 AWAY = np.array([-1.2, 1.4]) / np.hypot(1.2, 1.4)

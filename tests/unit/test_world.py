@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjmerge import share
-from mjmerge.actuation import ackermann
+from mjmerge.config import shipped
 from mjmerge.errors import ModelError
-from mjmerge.loader import data_sheet, load
-from mjmerge.mismatch import Mismatch
-from mjmerge.scenario import CARS
-from mjmerge.world import DRIVE, DRIVEN, IMPRATIO, STEER, WHEELS, build, compose
+from mjmerge.scenario.load import data_sheet, load
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import CARS
+from mjmerge.vehicle.actuation import ackermann
+from mjmerge.world.compose import DRIVE, DRIVEN, IMPRATIO, STEER, WHEELS, build, compose
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def world():
 
 
 def test_an_option_that_the_composition_loses_is_an_error_and_not_another_physics(monkeypatch):
-    composed = "mjmerge.world.mjcf.RootElement.to_xml_string"
+    composed = "mjmerge.world.compose.mjcf.RootElement.to_xml_string"
     text = pkgutil.resolve_name(composed)
     lose = lambda root, **more: text(root, **more).replace('cone="elliptic"', "")  # noqa: E731
     monkeypatch.setattr(composed, lose)
@@ -38,7 +38,7 @@ def test_options_reach_the_compiled_model():
     assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-@pytest.mark.parametrize("name", sorted(share.models()))
+@pytest.mark.parametrize("name", sorted(shipped.models()))
 def test_the_mjcf_of_every_car_is_what_its_data_sheet_says(name):
     sheet = data_sheet(name)
     model = compose(dict.fromkeys(CARS, name)).model
@@ -159,7 +159,7 @@ def test_a_command_delay_reaches_the_egos_actuators_and_nobody_elses():
     for car in CARS:
         for name in DRIVE + STEER:
             delay_s = model.actuator_delay[model.actuator(f"{car}/{name}").id]
-            assert delay_s == pytest.approx(0.0495 if car == "ego" else 0.0)  # mjmerge.delay says why
+            assert delay_s == pytest.approx(0.0495 if car == "ego" else 0.0)  # mjmerge.vehicle.delay says why
     assert not build(load("paper")).model.actuator_delay.any()
 
 

@@ -1,0 +1,1 @@
+"""Text into frozen values, with every mistake told at once; what is shipped; bounds."""

@@ -1,0 +1,65 @@
+"""What the unit at the end of a key's name says, and what a change of scale does to its value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from pydantic.fields import FieldInfo
+
+from mjmerge.config.frozen import Frozen
+
+_Model = TypeVar("_Model", bound=Frozen)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """m^length s^time; annotates the keys that are the paper's letters and so have no unit in their names."""
+
+    length: int
+    time: int
+
+
+_SUFFIXES = {
+    "_per_s": Unit(0, -1),  # before the shorter one that it ends with
+    "_s": Unit(0, 1),
+    "_m": Unit(1, 0),
+    "_mps": Unit(1, -1),
+    "_mps2": Unit(1, -2),
+    "_rad": Unit(0, 0),
+    "_radps": Unit(0, -1),
+}
+
+
+def unit(name: str, info: FieldInfo) -> Unit | None:
+    """The unit of a key; ``None`` if it has none."""
+    for declared in info.metadata:
+        if isinstance(declared, Unit):
+            return declared
+    return next((of for suffix, of in _SUFFIXES.items() if name.endswith(suffix)), None)
+
+
+def rescaled(model: _Model, length: float, time: float, inherited: Unit | None = None) -> _Model:
+    """The model with every value multiplied by what its unit becomes; not checked against its bounds.
+
+    Args:
+        model: what to rescale, with all that is in it.
+        length: factor of lengths.
+        time: factor of times.
+        inherited: unit of the keys that have none of their own.
+    """
+
+    def times(value: Any, of: Unit | None) -> Any:
+        if isinstance(value, Frozen):
+            return rescaled(value, length, time, of)
+        if isinstance(value, tuple):
+            return tuple(times(item, of) for item in value)
+        if isinstance(value, float) and of is not None:
+            return value * (length**of.length * time**of.time)
+        return value
+
+    fields = type(model).model_fields
+    update = {
+        name: times(getattr(model, name), unit(name, info) or inherited) for name, info in fields.items()
+    }
+    return model.model_copy(update=update)

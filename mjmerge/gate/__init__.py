@@ -1,0 +1,1 @@
+"""The regression gate: rows, baselines, reports, pytest plugin."""

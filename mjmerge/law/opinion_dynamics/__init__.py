@@ -1,0 +1,1 @@
+"""The paper's law: opinion, barrier, tracking."""

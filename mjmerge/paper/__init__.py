@@ -1,0 +1,1 @@
+"""What the paper says, reproduced: figures, facts, theorem, survey."""

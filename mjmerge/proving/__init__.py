@@ -1,0 +1,1 @@
+"""The proving ground: manoeuvres, identification, acceptance tests of a car."""

@@ -1,0 +1,200 @@
+"""``run.mcap``: the archive. Foxglove's messages for what it can draw, ours for what we measured.
+
+Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/told`` (ToldState, where the ego was not told the
+truth), ``/tf``, ``/scene`` (at t = 0, and where a disc changes its colour), ``/log``, and ``/phases`` (Log:
+``name`` is in the state ``message`` from here on). All times are simulated, so that equal runs give equal
+bytes. A block is one chunk and is on disk once written.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import foxglove
+import numpy as np
+from foxglove import messages as fox
+from foxglove.channels import LogChannel, SceneUpdateChannel
+from foxglove.mcap import MCAPWriteOptions
+from numpy.typing import NDArray
+
+from mjmerge.record import schema
+from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
+from mjmerge.record.mcap import foxglove as foxglove_layout
+from mjmerge.record.mcap.wire import Layout
+from mjmerge.record.recording import Header, Outcome, PosedBlock, nanoseconds
+from mjmerge.record.scene import DISC_RGBA, Frame, Scene, Shape, closeness
+from mjmerge.simulation.trace import Array
+
+WORLD = "world"
+_CHUNK_BYTES = 256 * 1024
+_LEVELS = {"info": fox.LogLevel.Info, "warning": fox.LogLevel.Warning, "error": fox.LogLevel.Error}
+
+
+class McapRecorder:
+    """Writes an MCAP file."""
+
+    def __init__(self, path: Path, header: Header, scene: Scene) -> None:
+        """Args: the file, which must not exist; what is known of the run; what to draw."""
+        self._context = foxglove.Context()  # our own: the global one would mix recordings
+        options = MCAPWriteOptions(chunk_size=_CHUNK_BYTES, compression_threads=0)  # threads change the bytes
+        self._writer = foxglove.open_mcap(path, context=self._context, writer_options=options)
+        self._layouts = {"/tf": _transforms_layout(scene)}
+        self._channels = {"/tf": self._channel("/tf", fox.FrameTransforms.get_schema())}
+        descriptors = schema.descriptor_set()
+        self._kinds = schema.kinds(told=header.told)
+        for topic, message in self._kinds.items():
+            self._layouts[topic] = schema.layout(message)
+            name = f"{schema.PACKAGE}.{message}"
+            described = foxglove.Schema(name=name, encoding="protobuf", data=descriptors)
+            self._channels[topic] = self._channel(topic, described)
+        self._log = LogChannel("/log", context=self._context)
+        self._phases = LogChannel("/phases", context=self._context)
+
+        about = manifest(header)
+        self._attach("scenario.yaml", "application/yaml", header.scenario_yaml)
+        self._attach("world.xml", "application/xml", header.world_xml)
+        self._attach("manifest.json", "application/json", json.dumps(about, indent=2))
+        run = {key: str(about[key]) for key in ("scenario", "description", "plant", "seed", "control_step_s")}
+        self._writer.write_metadata("mjmerge", {"schema_version": str(SCHEMA_VERSION)} | run | CONVENTIONS)
+        self._writer.write_metadata("versions", dict(header.versions))
+        self._attach("foxglove.json", "application/json", foxglove_layout.text(header.scenario, scene.paint))
+        self._drawing, self._near = scene, [0, 0]
+        self._scene = SceneUpdateChannel("/scene", context=self._context)
+        self._scene.log(_scene_update(scene), log_time=0)
+
+    def write(self, posed: PosedBlock) -> None:
+        """Adds consecutive ticks, and puts them on disk."""
+        self._discs(posed)
+        poses = np.concatenate([posed.pos_m, np.roll(posed.quat, -1, axis=-1)], axis=-1)  # x y z w
+        self._send("/tf", poses.reshape(len(poses), 7 * poses.shape[1]), posed.time_ns[posed.drawn])
+        for topic in self._kinds:
+            self._send(topic, schema.rows(posed.block, topic), posed.time_ns)
+        self._writer.flush()
+
+    def _send(self, topic: str, rows: Array, time_ns: NDArray[np.int64]) -> None:
+        """A message per row; one topic after the other compresses better than tick by tick."""
+        log = self._channels[topic].base.log  # without a look at what kind of message it is
+        for data, at in zip(self._layouts[topic].encode(rows, time_ns), time_ns.tolist(), strict=True):
+            log(data, at)
+
+    def _discs(self, posed: PosedBlock) -> None:
+        """Draws a disc anew where its colour changes."""
+        near = closeness(posed.block.columns["distance_m"][posed.drawn], self._drawing.r_m)
+        for frame in self._drawing.frames:
+            if frame.neighbour is None:
+                continue
+            now = near[:, frame.neighbour]
+            for k in np.flatnonzero(np.diff(now, prepend=self._near[frame.neighbour])):
+                shapes = tuple(replace(s, rgba=DISC_RGBA[now[k]]) for s in frame.shapes)
+                drawn = _entity(replace(frame, shapes=shapes), self._drawing.label_m)
+                at = int(posed.time_ns[posed.drawn[k]])
+                self._scene.log(fox.SceneUpdate(entities=[drawn]), log_time=at)
+            if len(now):
+                self._near[frame.neighbour] = int(now[-1])
+
+    def close(self, outcome: Outcome) -> None:
+        """Adds the events, the phases, the verdict and the summary, and completes the file."""
+        for event in outcome.events:
+            log = _log_message(event.time_s, _LEVELS[event.level], event.car, event.text)
+            self._log.log(log, log_time=int(nanoseconds(event.time_s)))
+        for phase in sorted(outcome.phases, key=lambda p: p.time_s):
+            log = _log_message(phase.time_s, fox.LogLevel.Info, phase.subject, phase.state)
+            self._phases.log(log, log_time=int(nanoseconds(phase.time_s)))
+        self._writer.write_metadata("outcome", {"verdict": outcome.verdict})
+        self._writer.write_metadata("sha256", dict(outcome.digests))
+        self._attach("summary.json", "application/json", json.dumps(outcome.summary, indent=2))
+        self._writer.close()
+
+    def abort(self) -> None:
+        """Completes the file with what it has."""
+        self._writer.close()
+
+    def _channel(self, topic: str, described: foxglove.Schema) -> foxglove.Channel:
+        return foxglove.Channel(topic, message_encoding="protobuf", schema=described, context=self._context)
+
+    def _attach(self, name: str, media_type: str, text: str) -> None:
+        self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=text.encode())
+
+
+def _transforms_layout(scene: Scene) -> Layout:
+    """A ``foxglove.FrameTransforms`` with every frame of the scene below the world."""
+    vector = Layout().double(1).double(2).double(3)
+    quaternion = Layout().double(1).double(2).double(3).double(4)
+    out = Layout()
+    for frame in scene.frames:
+        transform = Layout().time(1).text(2, WORLD).text(3, frame.name)
+        out.message(1, transform.message(4, vector).message(5, quaternion))
+    return out
+
+
+def _log_message(time_s: float, level: fox.LogLevel, name: str, message: str) -> fox.Log:
+    at = _timestamp(int(nanoseconds(time_s)))
+    return fox.Log(timestamp=at, level=level, message=message, name=name)
+
+
+def _timestamp(time_ns: int) -> fox.Timestamp:
+    return fox.Timestamp(*divmod(time_ns, 1_000_000_000))
+
+
+def _scene_update(scene: Scene) -> fox.SceneUpdate:
+    """Everything that is drawn, each thing locked to its frame."""
+    return fox.SceneUpdate(
+        entities=[_entity(f, scene.label_m) for f in (Frame(WORLD, scene.fixed), *scene.frames)]
+    )
+
+
+def _entity(frame: Frame, label_m: float) -> fox.SceneEntity:
+    """The shapes of a frame. MCAP has no capsules: a cylinder and two spheres."""
+    cubes, spheres, cylinders, triangles = [], [], [], []
+    for s in frame.shapes:
+        color = fox.Color(**dict(zip("rgba", s.rgba.tolist(), strict=True)))
+        pose, size = _pose(s), fox.Vector3(**dict(zip("xyz", (2 * s.half_size_m).tolist(), strict=True)))
+        match s.kind:
+            case "box":
+                cubes.append(fox.CubePrimitive(pose=pose, size=size, color=color))
+            case "ellipsoid":
+                spheres.append(fox.SpherePrimitive(pose=pose, size=size, color=color))
+            case "cylinder" | "capsule":
+                scales = {"bottom_scale": 1.0, "top_scale": 1.0}
+                cylinders.append(fox.CylinderPrimitive(pose=pose, size=size, color=color, **scales))
+            case "mesh":
+                points = [fox.Point3(x=x, y=y, z=z) for x, y, z in s.vertices_m.tolist()]
+                indices = s.triangles.ravel().tolist()
+                mesh = fox.TriangleListPrimitive(pose=pose, points=points, color=color, indices=indices)
+                triangles.append(mesh)
+        if s.kind == "capsule":
+            ball = fox.Vector3(x=2 * s.half_size_m[0], y=2 * s.half_size_m[0], z=2 * s.half_size_m[0])
+            for end in (-1, 1):
+                spheres.append(fox.SpherePrimitive(pose=_pose(s, end), size=ball, color=color))
+    texts = []
+    if frame.label:
+        at = fox.Pose(position=fox.Vector3(z=label_m), orientation=fox.Quaternion(w=1.0))
+        white = fox.Color(r=1.0, g=1.0, b=1.0, a=1.0)
+        texts = [
+            fox.TextPrimitive(
+                pose=at, billboard=True, font_size=12.0, scale_invariant=True, color=white, text=frame.label
+            )
+        ]
+    return fox.SceneEntity(
+        timestamp=_timestamp(0),
+        frame_id=frame.name,
+        id=frame.name,
+        frame_locked=True,
+        cubes=cubes,
+        spheres=spheres,
+        cylinders=cylinders,
+        triangles=triangles,
+        texts=texts,
+    )
+
+
+def _pose(shape: Shape, end: int = 0) -> fox.Pose:
+    """Pose of a shape, or of an end of its straight part: -1 the lower, 1 the upper."""
+    x, y, z = shape.pos_m + end * shape.half_size_m[2] * shape.axis
+    w, *xyz = shape.quat.tolist()
+    return fox.Pose(
+        position=fox.Vector3(x=x, y=y, z=z),
+        orientation=fox.Quaternion(x=xyz[0], y=xyz[1], z=xyz[2], w=w),
+    )

@@ -1,0 +1,280 @@
+"""What a recorder is, what it gets, and the driver that keeps recorders from stopping a run."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mjmerge.errors import OutputError, RecordingError
+from mjmerge.record.digest import Digest
+from mjmerge.record.manifest import canonical, manifest
+from mjmerge.record.scene import Scene
+from mjmerge.scenario.schema import Scenario
+from mjmerge.simulation.sensing import exact
+from mjmerge.simulation.trace import Array, Block
+from mjmerge.vehicle.datasheet import DataSheet
+from mjmerge.verdict.metrics import Event
+from mjmerge.verdict.phases import Phase
+
+if TYPE_CHECKING:
+    import mujoco
+
+PARTIAL, WHOLE = ".partial", ".whole"
+"""Endings of a file that is not complete, and of what is about to take its place."""
+ENDINGS = ("", PARTIAL, PARTIAL + WHOLE)
+_SPARE_BYTES = 32 * 2**20
+"""Recorders stop before the disk is full: a writer that hits its end can hang for good."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is known of a run before it starts.
+
+    Attributes:
+        scenario: the scenario.
+        scenario_yaml: the same, resolved, as text: running it again gives the same run.
+        plant: name of the plant.
+        seed: seed of this simulation.
+        model: the composed MuJoCo world.
+        world_xml: the MJCF it was compiled from.
+        versions: package name to version.
+        control_step_s: simulated time between ticks, s.
+        sheets: data sheet of each car at its size.
+        continuous: whether law and plant were one differential equation.
+        acceptance: what is known of each physical car model's acceptance tests, by its name.
+    """
+
+    scenario: Scenario
+    scenario_yaml: str
+    plant: str
+    seed: int
+    model: mujoco.MjModel
+    world_xml: str
+    versions: Mapping[str, str]
+    control_step_s: float
+    sheets: tuple[DataSheet, ...]
+    continuous: bool = False
+    acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def told(self) -> bool:
+        """Whether what the ego was told is not the truth, and recorded."""
+        return not (self.continuous or exact(self.scenario.mismatch))
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """What goes into a recording as text, by name, and its manifest as its fingerprint wants it."""
+        return {
+            "scenario.yaml": self.scenario_yaml,
+            "world.xml": self.world_xml,
+            "manifest.json": canonical(manifest(self)),
+        }
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What is known of a run once it is over.
+
+    Attributes:
+        events: in order of time.
+        verdict: the contract's word for it.
+        summary: what ``summary.json`` holds.
+        phases: every change of state, subject by subject.
+        digests: fingerprint of every column and text; :class:`Recording` fills it in.
+    """
+
+    events: Sequence[Event]
+    verdict: str
+    summary: Mapping[str, Any]
+    phases: Sequence[Phase] = ()
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PosedBlock:
+    """A block of consecutive ticks, and where everything that is drawn was at some of them.
+
+    Attributes:
+        block: the ticks and their columns.
+        time_ns: simulated time from the tick index, ns, (B,).
+        drawn: which ticks of the block are drawn, (D,).
+        pos_m: origins of ``Scene.frames`` in the world, m, (D, F, 3).
+        quat: their orientations, w x y z, (D, F, 4).
+    """
+
+    block: Block
+    time_ns: NDArray[np.int64]
+    drawn: NDArray[np.intp]
+    pos_m: Array
+    quat: Array
+
+
+def pose(block: Block, scene: Scene, control_step_s: float) -> PosedBlock:
+    """A block with what is drawn of it."""
+    drawn = scene.drawn(block, control_step_s)
+    time_ns = nanoseconds(block.ticks * control_step_s)
+    return PosedBlock(block, time_ns, drawn, *scene.poses(block, drawn))
+
+
+def join(parts: Sequence[PosedBlock]) -> PosedBlock:
+    """Consecutive blocks as one; without ``qpos``, which nobody needs any more."""
+    starts = np.cumsum([0, *(len(p.time_ns) for p in parts[:-1])])
+    block = Block(
+        ticks=np.concatenate([p.block.ticks for p in parts]),
+        time_s=np.concatenate([p.block.time_s for p in parts]),
+        columns={
+            name: np.concatenate([p.block.columns[name] for p in parts]) for name in parts[0].block.columns
+        },
+        qpos=np.empty((sum(len(p.time_ns) for p in parts), 0)),
+    )
+    return PosedBlock(
+        block,
+        np.concatenate([p.time_ns for p in parts]),
+        np.concatenate([start + p.drawn for start, p in zip(starts, parts, strict=True)]),
+        np.concatenate([p.pos_m for p in parts]),
+        np.concatenate([p.quat for p in parts]),
+    )
+
+
+class Keep:
+    """A sink that keeps a run, with what is drawn of it."""
+
+    def __init__(self, header: Header) -> None:
+        """Args: what is known of the run."""
+        self._scene = Scene(header.model, header.scenario.law.r_m)
+        self._step_s = header.control_step_s
+        self._parts: list[PosedBlock] = []
+
+    def write(self, block: Block) -> None:
+        """Takes the next ticks."""
+        self._parts.append(pose(block, self._scene, self._step_s))
+
+    def posed(self) -> PosedBlock:
+        """All there was."""
+        return join(self._parts)
+
+
+class Recorder(Protocol):
+    """Writes one file. Whatever it raises ends that file and nothing else."""
+
+    def write(self, posed: PosedBlock) -> None:
+        """Adds consecutive ticks of the one simulation it records."""
+
+    def close(self, outcome: Outcome) -> None:
+        """Adds the outcome and completes the file."""
+
+    def abort(self) -> None:
+        """Closes what is there, so that it stays readable."""
+
+
+Factory = Callable[[Path, Header, Scene], Recorder]
+
+
+def nanoseconds(time_s: ArrayLike) -> NDArray[np.int64]:
+    """Simulated time in whole nanoseconds, the nearest ones."""
+    return np.rint(np.asarray(time_s, float) * 1e9).astype(np.int64)
+
+
+def _why(error: BaseException) -> str:
+    """What to say of a recorder that broke."""
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+
+
+class Recording:
+    """Hands a run to its recorders: ``with Recording(...) as r``, then ``write`` and, once, ``close``.
+
+    Every file is ``<name>.partial`` until it is complete. A recorder that fails is dropped, its file stays
+    ``.partial``, and the run goes on. Leaving the context without ``close`` leaves readable partial files.
+
+    Attributes:
+        files: the files that are complete.
+    """
+
+    def __init__(self, folder: Path, header: Header, factories: Mapping[str, Factory]) -> None:
+        """Args: the run folder, which exists; what is known of the run; file name to what writes it."""
+        self.files: list[Path] = []
+        self._folder = folder
+        self._header = header
+        self._factories = factories
+        self._scene = Scene(header.model, header.scenario.law.r_m)
+        self._digest = Digest(header.texts)
+        self._live: dict[str, Recorder] = {}
+        self._failed: dict[str, str] = {}
+
+    @property
+    def failures(self) -> list[str]:
+        """What went wrong, a line per file."""
+        return [f"{name}: {reason}" for name, reason in self._failed.items()]
+
+    def __enter__(self) -> Self:
+        for name, factory in self._factories.items():
+            self._attempt(name, self._open, name, factory)
+        return self
+
+    def write(self, block: Block) -> None:
+        """Hands a block to every recorder that is still well."""
+        if not self._live:
+            return
+        self._digest.add(block)
+        posed = pose(block, self._scene, self._header.control_step_s)
+        for name, recorder in list(self._live.items()):
+            self._attempt(name, self._write, recorder, posed)
+
+    def close(self, outcome: Outcome) -> None:
+        """Completes every file that is still well and gives it its name."""
+        outcome = replace(outcome, digests=self._digest.hex())
+        for name, recorder in list(self._live.items()):
+            self._attempt(name, self._finish, name, recorder, outcome)
+        self._live.clear()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for name in list(self._live):
+            self._drop(name)
+
+    def _partial(self, name: str) -> Path:
+        return self._folder / f"{name}{PARTIAL}"
+
+    def _open(self, name: str, factory: Factory) -> None:
+        for path in (self._folder / name, self._partial(name)):
+            if path.exists():
+                raise OutputError(f"{path} exists; recordings are not overwritten")
+        self._live[name] = factory(self._partial(name), self._header, self._scene)
+
+    def _write(self, recorder: Recorder, posed: PosedBlock) -> None:
+        if shutil.disk_usage(self._folder).free < _SPARE_BYTES:
+            raise OutputError(f"the disk of {self._folder} is full")
+        recorder.write(posed)
+
+    def _finish(self, name: str, recorder: Recorder, outcome: Outcome) -> None:
+        recorder.close(outcome)
+        partial, final = self._partial(name), self._folder / name
+        if not partial.is_file():
+            raise RecordingError("nothing was written (RERUN=off in the environment does that to run.rrd)")
+        if final.exists():
+            raise OutputError(f"{final} has appeared meanwhile; recordings are not overwritten")
+        partial.rename(final)
+        self.files.append(final)
+
+    def _attempt(self, name: str, action: Callable[..., None], *arguments: object) -> None:
+        """Runs what a recorder does; a failure ends that recorder, and is kept."""
+        try:
+            action(*arguments)
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException as error:  # a panic in a writer made of Rust is no Exception
+            self._failed.setdefault(name, _why(error))
+            self._drop(name)
+
+    def _drop(self, name: str) -> None:
+        recorder = self._live.pop(name, None)
+        if recorder is not None:
+            self._attempt(name, recorder.abort)

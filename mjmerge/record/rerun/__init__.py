@@ -1,0 +1,1 @@
+"""Rerun recordings: recorder, reader, layout and viewer."""

@@ -1,0 +1,193 @@
+"""What is in a Rerun recording, finished or not, read with Rerun's own reader.
+
+That reader can take the process down with it on a file that is damaged, or never come back: another process
+may try first.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mjmerge.record import content
+from mjmerge.record.content import ContentError
+from mjmerge.record.contents import NS_PER_S, Found, Ticks
+from mjmerge.record.manifest import SCHEMA_VERSION
+from mjmerge.record.mcap.file import TooLargeError
+from mjmerge.record.rerun.file import whole_frames
+from mjmerge.simulation.trace import Array
+from mjmerge.verdict.phases import ENDED, NAMES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_PATIENCE_S, _BYTES_PER_S = 6.0, 10e6
+"""What Rerun's reader gets for a file, and how fast it is at least; it needs a tenth of that."""
+_MEMORY_BYTES = 4 * 2**30
+"""Address space of the process that tries first; Rerun reserves much and uses little."""
+_LEVELS = {"INFO": "info", "WARN": "warning", "ERROR": "error"}
+_ATTEMPT = """
+import contextlib, resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+import rerun.chunk as rc
+with contextlib.suppress(Exception):
+    for chunk in rc.RrdReader(sys.argv[1]).stream():
+        chunk.to_record_batch()
+"""
+
+
+def survives(path: Path) -> bool:
+    """Whether Rerun's reader gets through in time, or at least gives up in an orderly way.
+
+    Raises:
+        TooLargeError: a frame would unpack to more than may be.
+    """
+    patience_s = _PATIENCE_S + path.stat().st_size / _BYTES_PER_S
+    with whole_frames(path) as (whole, *_):
+        command = [sys.executable, "-c", _ATTEMPT, str(whole), str(_MEMORY_BYTES)]
+        try:
+            done = subprocess.run(command, capture_output=True, check=False, timeout=patience_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return done.returncode == 0
+
+
+def _batches(path: Path, found: Found) -> Iterator[tuple[str, pa.RecordBatch]]:
+    """Entity path and data of every chunk, up to the first that cannot be read."""
+    import rerun.chunk as rc
+
+    with whole_frames(path) as (whole, found.finished, found.fault), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a missing footer
+        try:
+            reader = rc.RrdReader(whole)
+            stores = len(reader.recordings())
+            if stores != 1:
+                found.flaws.append(f"{stores} recordings in one file")
+            for chunk in reader.stream():
+                yield chunk.entity_path, chunk.to_record_batch()
+        except TooLargeError:
+            raise
+        except Exception as error:  # whatever the bytes of a damaged file lead to
+            found.finished = False
+            found.fault = "Rerun's reader gives up" + (f": {_line(error)}" if _line(error) else "")
+
+
+def _line(error: Exception) -> str:
+    """The first line of an error, without the path of a copy."""
+    first = (str(error).splitlines() or [""])[0]
+    return "" if "whole.rrd" in first else first[:200]
+
+
+def rrd_batches(path: Path) -> Iterator[tuple[str, pa.RecordBatch]]:
+    """Entity path and data of every chunk, as far as the file can be read."""
+    return _batches(path, Found())
+
+
+def gather_rrd(path: Path) -> Found:
+    """What is in a Rerun recording, as far as it can be read.
+
+    Raises:
+        ContentError: what it says of itself cannot be.
+        TooLargeError: a frame would unpack to more than may be.
+    """
+    from mjmerge.record import schema
+    from mjmerge.record.rerun import arrow, layout
+
+    messages = schema.kinds()
+    subjects = {layout.phase_entity(subject): subject for subject in NAMES}
+    texts = {"/run/scenario": "scenario.yaml", "/run/world": "world.xml"}
+    found = Found()
+    parts: dict[str, list[tuple[Ticks, Array]]] = defaultdict(list)
+    for entity, batch in _batches(path, found):
+        names = set(batch.schema.names)
+        try:
+            if entity in messages and arrow.component(messages[entity]) in names:
+                values = arrow.numbers(batch[arrow.component(messages[entity])], messages[entity])
+                parts[entity].append((time_ns_of(batch), values))
+            elif entity.endswith(schema.LAW_TOPIC):
+                found.flaws.append("it shows several runs side by side; take their own recordings")
+            elif entity in texts and "TextDocument:text" in names:
+                _once(found, found.texts, texts[entity], _one(batch, "TextDocument:text"))
+            elif entity == "/__properties/run" and "manifest" in names:
+                found.schema_version = content.version_of(str(_one(batch, "schema_version")))
+                _once(found, found.texts, "manifest.json", _one(batch, "manifest"))
+                said = {name: _one(batch, name) for name in ("scenario", "plant", "seed", "continuous")}
+                repeated = {n: content.json_of(_one(batch, n), n) for n in ("versions", "conventions")}
+                found.properties["run"] = said | repeated
+            elif entity == "/__properties/outcome" and "verdict" in names:
+                _once(found, found.texts, "summary.json", _one(batch, "summary"))
+                found.verdict = str(_one(batch, "verdict"))
+                found.sha256 = content.texts_of(content.json_of(_one(batch, "sha256"), "sha256"), "sha256")
+            elif entity == "/events" and "TextLog:text" in names:
+                rows = zip(time_ns_of(batch), batch["TextLog:level"], batch["TextLog:text"], strict=True)
+                found.said += [(int(t), _LEVELS[n.as_py()[0]], text.as_py()[0]) for t, n, text in rows]
+            elif entity in subjects and "StateChange:state" in names:
+                changes = zip(time_ns_of(batch), batch["StateChange:state"], strict=True)
+                found.states += [(int(t), subjects[entity], s.as_py()[0] or ENDED) for t, s in changes]
+        except ContentError:
+            raise
+        except (
+            ValueError,
+            TypeError,
+            KeyError,
+            IndexError,
+            AttributeError,
+        ) as error:  # Arrow's are among them
+            del error
+            found.flaws.append(f"{entity} holds something else than a recording has there")
+    if "manifest.json" in found.texts:
+        found.manifest = content.manifest_of(found.texts["manifest.json"])
+    _number(found, parts)
+    return found
+
+
+def _number(found: Found, parts: dict[str, list[tuple[Ticks, Array]]]) -> None:
+    """Puts the parts of each series together."""
+    if found.schema_version != SCHEMA_VERSION:
+        return
+    step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
+    for entity, some in parts.items():
+        time_ns = np.concatenate([part[0] for part in some])
+        numbers = np.concatenate([part[1] for part in some])
+        order = np.argsort(time_ns, kind="stable")  # chunks come in any order
+        ticks = np.rint(time_ns / step_ns).astype(np.int64)
+        found.series[entity] = ticks[order], time_ns[order], numbers[order]
+    found.complete()
+
+
+def _one(batch: pa.RecordBatch, name: str) -> Any:
+    """The one value of a column that has one.
+
+    Raises:
+        ContentError: it has none.
+    """
+    try:
+        value = batch[name][0].as_py()[0]
+    except (TypeError, IndexError, KeyError, ValueError) as error:
+        raise ContentError(f"its {name} is missing") from error
+    if isinstance(value, str) and len(value) > content.LARGEST_TEXT_BYTES:
+        raise ContentError(f"its {name} is longer than {content.LARGEST_TEXT_BYTES // 2**20} MiB")
+    return value
+
+
+def _once(found: Found, texts: dict[str, str], name: str, value: Any) -> None:
+    """Takes a text that may be there once."""
+    if name in texts:
+        found.flaws.append(f"{name} is in it several times")
+    if not isinstance(value, str):
+        raise ContentError(f"its {name} is no text")
+    texts.setdefault(name, value)
+
+
+def time_ns_of(batch: pa.RecordBatch) -> Ticks:
+    """Simulated time of each row, ns."""
+    times: Ticks = batch["sim_time"].to_numpy(zero_copy_only=False).astype("timedelta64[ns]").astype(np.int64)
+    return times

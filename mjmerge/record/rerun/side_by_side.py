@@ -1,0 +1,202 @@
+"""``compare.rrd``: several runs in one scene and in the same plots.
+
+The last one is solid, the others are its ghosts. ``/<label>/law`` and ``/<label>/car/<car>`` hold the
+messages of each, ``/world/<label>/...`` what is drawn of it, ``/run/report`` the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mjmerge.errors import OutputError, RecordingError
+from mjmerge.record import plots
+from mjmerge.record.plots import Color, Line, Plot
+from mjmerge.record.recording import Header, Outcome, PosedBlock
+from mjmerge.record.rerun import layout
+from mjmerge.record.rerun.draw import send_frames, send_levels, send_numbers, still_frames, still_levels
+from mjmerge.record.rerun.recorder import CHUNK_TICKS
+from mjmerge.record.rerun.stream import new_stream, save
+from mjmerge.record.scene import TARGET, Scene
+from mjmerge.simulation.trace import NEIGHBOURS
+from mjmerge.verdict.metrics import MERGED_M
+
+APPLICATION = "mjmerge_compare"
+_PATIENCE_S = 30.0
+_GHOST_ALPHA = 0.35
+_PALE = 0.55
+"""How far the colours of a ghost's lines are towards grey."""
+_GREY = 150
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the runs.
+
+    Attributes:
+        label: a few words that tell it from the others.
+        header: what the run was.
+        posed: all of it; ``block.qpos`` may be empty, (T, 0).
+        outcome: how it ended; ``None`` if it did not.
+    """
+
+    label: str
+    header: Header
+    posed: PosedBlock
+    outcome: Outcome | None
+
+
+@dataclass(frozen=True)
+class _Told:
+    """A side, and how it is told."""
+
+    side: Side
+    name: str
+    scene: Scene
+    solid: bool
+
+    def entity(self, frame: str) -> str:
+        """Of one of its frames."""
+        return layout.entity(frame).replace("/world/", f"/world/{self.name}/", 1)
+
+    def color(self, color: Color) -> Color:
+        """Of one of its lines."""
+        if self.solid:
+            return color
+        r, g, b = (round(c + _PALE * (_GREY - c)) for c in color)
+        return r, g, b
+
+
+def write_comparison(path: Path, sides: Sequence[Side]) -> None:
+    """Writes a recording with several runs in it; ``<path>.partial`` until it is complete.
+
+    Args:
+        path: the file, which must not exist.
+        sides: the runs; the last one is drawn solid.
+
+    Raises:
+        OutputError: the file exists.
+        RecordingError: nothing was written.
+    """
+    partial_path = path.with_name(path.name + ".partial")
+    for there in (path, partial_path):
+        if there.exists():
+            raise OutputError(f"{there} exists; recordings are not overwritten")
+    told = [
+        _Told(
+            side,
+            f"{plots.entity(side.label)}_{k}" if _twice(side, sides) else plots.entity(side.label),
+            Scene(side.header.model, side.header.scenario.law.r_m),
+            k == len(sides) - 1,
+        )
+        for k, side in enumerate(sides)
+    ]
+    rr.set_strict_mode(True)
+    stream = new_stream(APPLICATION)
+    save(stream, partial_path, _blueprint(told))
+    stream.send_recording_name(" · ".join(side.label for side in sides))
+    report = rr.TextDocument(_report(sides), media_type=rr.MediaType.MARKDOWN)
+    stream.log("/run/report", report, static=True)
+    stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for one in told:
+        _tell(stream, one)
+    longest = max(sides, key=lambda side: side.posed.time_ns[-1])
+    which = _plots(told)
+    for entity, style in still_levels(which):
+        stream.log(entity, style, static=True)
+    send_levels(stream, which, longest.posed.time_ns[[0, -1]])
+    stream.flush(timeout_sec=_PATIENCE_S)
+    stream.disconnect()
+    if not partial_path.is_file():
+        raise RecordingError("nothing was written (RERUN=off in the environment does that)")
+    partial_path.rename(path)
+
+
+def _twice(side: Side, sides: Sequence[Side]) -> bool:
+    return sum(plots.entity(other.label) == plots.entity(side.label) for other in sides) > 1
+
+
+def _tell(stream: rr.RecordingStream, told: _Told) -> None:
+    """Everything of one side."""
+    scene, posed = told.scene, told.side.posed
+    if told.solid:
+        frames = [replace(f, shapes=()) if f.name == TARGET else f for f in scene.frames]
+        drawn = scene.showing(scene.fixed, frames)
+    else:
+        drawn = scene.showing((), [f.faded(_GHOST_ALPHA) for f in scene.frames])
+    for entity, what in still_frames(drawn, told.entity, colored=True):
+        stream.log(entity, what, static=True)
+    send_frames(stream, scene, posed, told.entity)
+    for start in range(0, len(posed.time_ns), CHUNK_TICKS):
+        part = slice(start, start + CHUNK_TICKS)
+        block = replace(
+            posed.block,
+            ticks=posed.block.ticks[part],
+            time_s=posed.block.time_s[part],
+            columns={name: values[part] for name, values in posed.block.columns.items()},
+        )
+        chunk = replace(posed, block=block, time_ns=posed.time_ns[part])
+        send_numbers(stream, chunk, told=told.side.header.told, root=f"/{told.name}")
+
+
+def _plots(told: Sequence[_Told]) -> list[Plot]:
+    """The plots of a run, with the lines of every side."""
+    scenario, paint = told[-1].side.header.scenario, told[-1].scene.paint
+    wanted = [*plots.main(scenario, paint), *plots.actuation(scenario, paint)]
+    return [
+        replace(plot, lines=tuple(_line(one, of) for of in plot.lines for one in told)) for plot in wanted
+    ]
+
+
+def _line(told: _Told, line: Line) -> Line:
+    label = f"{line.label}, {told.side.label}"
+    return replace(line, label=label, color=told.color(line.color), topic=f"/{told.name}{line.topic}")
+
+
+def _blueprint(told: Sequence[_Told]) -> rrb.Blueprint:
+    solid = told[-1]
+    scenario, camera = solid.side.header.scenario, f"{solid.name}/camera/ego"
+    distance, clearance, opinion, *busy = (layout.plot_view(p) for p in _plots(told))
+    return layout.columns(
+        rrb.Vertical(
+            rrb.Tabs(*(layout.world_view(n, scenario, camera) for n in ("Chase", "3D")), active_tab=0),
+            layout.world_view("From above", scenario, camera),
+            row_shares=[3, 2],
+        ),
+        rrb.Vertical(distance, opinion, rrb.Tabs(clearance, *busy, active_tab=0)),
+        rrb.Vertical(rrb.TextDocumentView(name="Report", origin="/run/report")),
+    )
+
+
+def _report(sides: Sequence[Side]) -> str:
+    """The table, a column per side."""
+    summaries = [side.outcome.summary if side.outcome else {} for side in sides]
+    rows: list[tuple[str, list[str]]] = [
+        ("scenario", [side.header.scenario.name for side in sides]),
+        ("plant", [side.header.plant for side in sides]),
+        ("seed", [str(side.header.seed) for side in sides]),
+        ("verdict", [side.outcome.verdict if side.outcome else "did not finish" for side in sides]),
+    ]
+    for j, car in enumerate(NEIGHBOURS):
+        least = [float(np.nanmin(side.posed.block.columns["distance_m"][:, j])) for side in sides]
+        rows.append((f"min d_{j + 1} ({car.replace('_', ' ')})", [f"{d:.4f} m" for d in least]))
+    for key, name, unit in (
+        ("min_clearance_m", "body clearance", "m"),
+        ("merged_at_s", f"merged (lateral error < {MERGED_M} m)", "s"),
+        ("peak_u_c_mps2", "largest barrier command", "m/s²"),
+    ):
+        rows.append((name, [_number(found.get(key), unit) for found in summaries]))
+    head = ["| | " + " | ".join(side.label for side in sides) + " |", "|---|" + "---|" * len(sides)]
+    body = [f"| {name} | " + " | ".join(words) + " |" for name, words in rows]
+    note = f"*{sides[-1].label}* is solid; the others are ghosts, and their lines are greyish."
+    return "\n".join(["### " + " and ".join(side.label for side in sides), "", note, "", *head, *body])
+
+
+def _number(value: Any, unit: str) -> str:
+    return "-" if value is None else f"{value:.3f} {unit}"

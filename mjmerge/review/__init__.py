@@ -1,0 +1,1 @@
+"""Recordings judged: verify, replay, recover, compare, convert, video, view."""

@@ -1,0 +1,186 @@
+"""``mjmerge compare``: two recordings side by side, as a table, a figure and a recording with both in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from operator import getitem
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mjmerge.figures.runs import comparison, save
+from mjmerge.record.read import Recorded
+from mjmerge.review.convert import whole
+from mjmerge.simulation.trace import COLUMNS, NEIGHBOURS, Array, Trace
+from mjmerge.verdict.judge import Verdict, judge
+from mjmerge.verdict.metrics import shared_ticks
+from mjmerge.verdict.summary import metres, seconds, summary
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_QUANTITIES: dict[str, tuple[str, Callable[[Trace], Array]]] = {
+    "d_1": ("m", lambda t: t.distance_m[0, :, 0]),
+    "d_2": ("m", lambda t: t.distance_m[0, :, 1]),
+    "opinion z": ("", lambda t: t.opinion[0]),
+    "ego, across": ("m", lambda t: t.front_m[0, :, 0, 1]),
+    "ego, along": ("m", lambda t: t.front_m[0, :, 0, 0]),
+    "ego, speed": ("m/s", lambda t: np.hypot(*t.velocity_mps[0, :, 0].T)),
+    "ego, command": ("m/s²", lambda t: np.hypot(*t.u_mps2[0, :, 0].T)),
+}
+"""What two runs are compared by: unit, and the quantity over time, (T,)."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two.
+
+    Attributes:
+        recorded: the file as read.
+        trace: the run in it.
+        verdict: of the run as recorded.
+        summary: likewise.
+    """
+
+    recorded: Recorded
+    trace: Trace
+    verdict: Verdict
+    summary: dict[str, Any]
+
+    @classmethod
+    def of(cls, recorded: Recorded) -> Side:
+        """From a file.
+
+        Raises:
+            UnreadableError: there is no run in it.
+        """
+        trace = recorded.run()
+        (verdict,) = judge(trace)
+        return cls(recorded, trace, verdict, summary(trace, [verdict], 1.0))
+
+    @property
+    def label(self) -> str:
+        """What it is, in a few words."""
+        return f"{self.trace.scenario.name} on {self.trace.plant}, seed {self.trace.seeds[0]}"
+
+
+@dataclass(frozen=True)
+class Apart:
+    """Where two runs are furthest apart in a quantity.
+
+    Attributes:
+        quantity: what.
+        unit: its unit.
+        most: how far at most.
+        time_s: when, s; ``None`` if never.
+    """
+
+    quantity: str
+    unit: str
+    most: float
+    time_s: float | None
+
+
+def labels(a: Side, b: Side) -> tuple[str, str]:
+    """Names that tell two sides apart: what they are, or their files where that is the same."""
+    if a.label != b.label:
+        return a.label, b.label
+    return f"A: {a.recorded.path}", f"B: {b.recorded.path}"
+
+
+def differences(a: Trace, b: Trace) -> list[Apart]:
+    """How far two runs are apart, quantity by quantity, at the times that both have."""
+    in_a, in_b = shared_ticks(a, b)
+    time_s = a.time_s[in_a]
+    found = []
+    for name, (unit, values) in _QUANTITIES.items():
+        off = np.nan_to_num(np.abs(values(a)[in_a] - values(b)[in_b]), nan=0.0)
+        k = int(np.argmax(off))
+        found.append(Apart(name, unit, float(off[k]), float(time_s[k]) if off[k] > 0 else None))
+    return found
+
+
+def identical(a: Recorded, b: Recorded) -> bool:
+    """Whether every column is the same, bit for bit."""
+    if len(a.ticks) != len(b.ticks):
+        return False
+    names = ["time_s", *(c.name for c in COLUMNS)]
+    return all(a.columns[n].tobytes() == b.columns[n].tobytes() for n in names)
+
+
+def as_dict(a: Side, b: Side) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "identical": identical(a.recorded, b.recorded),
+        "a": {"file": str(a.recorded.path), **a.summary},
+        "b": {"file": str(b.recorded.path), **b.summary},
+        "differences": {
+            d.quantity: {"most": d.most, "time_s": d.time_s} for d in differences(a.trace, b.trace)
+        },
+    }
+
+
+def table(a: Side, b: Side) -> Table:
+    """Both beside each other, for the terminal."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False)
+    grid.add_column()
+    for side in "AB":
+        grid.add_column(side, justify="right")
+    grid.add_column("B - A", justify="right")
+
+    def row(name: str, word: Callable[[Any], str], *keys: str) -> None:
+        ones: Any = reduce(getitem, keys, a.summary)
+        twos: Any = reduce(getitem, keys, b.summary)
+        numbers = isinstance(ones, float) and isinstance(twos, float)
+        grid.add_row(name, escape(word(ones)), escape(word(twos)), f"{twos - ones:+.3g}" if numbers else "")
+
+    for name in ("scenario", "plant", "seed", "verdict"):
+        row(name, str, name)
+    for j, car in enumerate(NEIGHBOURS, start=1):
+        row(f"min d_{j}", metres, "min_distance_m", car)
+        row("  at", seconds, "t_min_distance_s", car)
+    row("body clearance", metres, "min_clearance_m")
+    row("merged at", seconds, "merged_at_s")
+    row("saturated, ego", seconds, "saturated_s", "ego")
+    row("hypotheses broken", lambda found: str(sum(at is not None for at in found.values())), "hypotheses")
+    grid.add_row()
+    grid.add_row("furthest apart", "", "at", "by", style="bold")
+    for d in differences(a.trace, b.trace):
+        grid.add_row(f"  {d.quantity}", "", seconds(d.time_s), f"{d.most:.3g} {d.unit}".strip())
+    return grid
+
+
+def figure(a: Side, b: Side, path: Path) -> None:
+    """Draws both over each other, and their difference, as PNG.
+
+    Raises:
+        OutputError: the file is there already, or cannot be written.
+    """
+    drawn = comparison(a.trace, b.trace, labels(a, b))
+    whole(path, lambda partial: save(drawn, partial, path.suffix))
+
+
+def recording_of_both(a: Side, b: Side, path: Path) -> None:
+    """Writes a Rerun recording with the cars of both in one scene and their lines in one plot.
+
+    Raises:
+        UnreadableError: there is no world in one of them.
+        OutputError: the file is there already, or cannot be written.
+    """
+    from mjmerge.record.rerun.side_by_side import Side as Shown
+    from mjmerge.record.rerun.side_by_side import write_comparison
+    from mjmerge.record.scene import Scene
+    from mjmerge.review.poses import header, outcome, posed
+
+    shown = []
+    for side, label in zip((a, b), labels(a, b), strict=True):
+        about = header(side.recorded)
+        block = posed(side.recorded, about, Scene(about.model, about.scenario.law.r_m))
+        shown.append(Shown(label, about, block, outcome(side.recorded, side.trace)))
+    write_comparison(path, shown)

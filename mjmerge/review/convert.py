@@ -1,0 +1,86 @@
+"""``mjmerge convert``: a recording as one table, a row per tick, for pandas, polars and spreadsheets.
+
+Columns are the trace's, units in their names, spread over their components: ``opinion``,
+``distance_m.vehicle_1``, ``front_m.ego.x``. Numbers are as recorded, to the last bit; NaN stays NaN.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from mjmerge.errors import OutputError, UnreadableError
+from mjmerge.figures.runs import save_columns
+from mjmerge.record.read import Recorded
+from mjmerge.simulation.trace import COLUMNS, Array
+
+
+def flat(found: Recorded) -> dict[str, Array]:
+    """Every component of every column by name, each (T,); ``time_s`` first.
+
+    Raises:
+        UnreadableError: there is no tick in it, or it is of another schema.
+    """
+    if not found.columns or not len(found.ticks):
+        raise UnreadableError(
+            found.path, f"no columns that this mjmerge knows (schema {found.schema_version})"
+        )
+    out = {"time_s": np.ascontiguousarray(found.columns["time_s"])}
+    for column in COLUMNS:
+        values = found.columns[column.name]
+        for index in product(*map(range, column.shape)):
+            parts = [axis[i] for axis, i in zip(column.axes, index, strict=True)]
+            where: tuple[slice | int, ...] = (slice(None), *index)
+            out[".".join([column.name, *parts])] = np.ascontiguousarray(values[where])
+    return out
+
+
+def to_csv(found: Recorded, path: Path) -> None:
+    """Writes a CSV file, a header and a row per tick.
+
+    Raises:
+        OutputError: the file is there already, or cannot be written.
+    """
+    columns = flat(found)
+    whole(path, lambda partial: save_columns(columns, partial))
+
+
+def to_parquet(found: Recorded, path: Path) -> None:
+    """Writes a Parquet file; manifest, scenario, summary and verdict are in its schema's metadata.
+
+    Raises:
+        OutputError: the file is there already, or cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    about = {
+        "manifest": json.dumps(found.manifest),
+        "scenario.yaml": found.scenario_yaml,
+        "summary": json.dumps(found.summary),
+        "verdict": found.verdict or "",
+    }
+    made = pa.table(flat(found)).replace_schema_metadata({f"mjmerge.{k}": v for k, v in about.items()})
+    whole(path, lambda partial: pq.write_table(made, partial, compression="zstd"))
+
+
+def whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Writes a file under ``<name>.partial`` and gives it its name once it is whole.
+
+    Raises:
+        OutputError: there is a file of that name, or it cannot be written.
+    """
+    partial = path.with_name(f"{path.name}.partial")
+    for there in (path, partial):
+        if there.exists():
+            raise OutputError(f"{there} exists, and nothing is overwritten: choose another --out")
+    try:
+        write(partial)
+        partial.rename(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error

@@ -1,0 +1,257 @@
+"""Numbers that follow from other numbers of the same recording, computed again.
+
+The law, the drivers and the actuation are the run's own functions, asked again with what the recording says
+that they saw. What moves the cars is asked again, too, where it is an equation; of physical cars, positions,
+velocities, headings and steering angles must be each other's, to bounds from the physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mjmerge.drivers import Traffic
+from mjmerge.law import Sensed, advance, decide
+from mjmerge.plant import LIMITED
+from mjmerge.record.read import Recorded
+from mjmerge.review.check import Check, checked, compared
+from mjmerge.review.motion import motion
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.sensing import Sensing
+from mjmerge.simulation.trace import Array, Trace, the_truth
+from mjmerge.state import Cars, Mask, dot, norm
+from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate, believed_sheets
+
+_DISTANCE_M = 1e-12
+"""Distances follow from positions to the last bit on any processor; this much is allowed, or this part."""
+_RELATIVE = 1e-9
+"""Commands and opinion go through tanh and exp, whose last bits differ between processors."""
+
+
+def derived(found: Recorded, trace: Trace) -> Iterator[Check]:
+    """Every check of a number against others.
+
+    Args:
+        found: the file as read.
+        trace: the run in it.
+    """
+    cars = cars_of(found, trace)
+    with np.errstate(all="ignore"):
+        yield _start(found, trace)
+        yield _distances(found, trace)
+        yield _sensing(found, trace, cars)
+        yield _law(found, trace, cars)
+        yield _opinion(found, trace)
+        yield from motion(found, trace, cars)
+
+
+def cars_of(found: Recorded, trace: Trace) -> Cars:
+    """The recorded motion, tick by tick in place of simulation by simulation, (T, C)."""
+    c = found.columns
+    commanded = c["steer_rad"]
+    if trace.plant in LIMITED:
+        commanded = np.concatenate([np.zeros((1, len(CARS))), c["steer_command_rad"][:-1]])
+    return Cars(
+        front_m=c["front_m"],
+        velocity_mps=c["velocity_mps"],
+        heading_rad=c["heading_rad"],
+        speed_mps=c["speed_mps"],
+        steer_rad=c["steer_rad"],
+        steer_command_rad=commanded,
+        clearance_m=c["clearance_m"],
+    )
+
+
+def at(cars: Cars, row: int) -> Cars:
+    """One tick as one simulation, (1, C)."""
+    return Cars(**{name: values[row : row + 1] for name, values in vars(cars).items()})
+
+
+def geometry(front_m: Array, velocity_mps: Array, r_m: float) -> dict[str, Any]:
+    """d_j, d_j' and the gap from positions and velocities, by column; (..., C, 2) -> (...)."""
+
+    def apart(p: Array, v: Array) -> tuple[Array, Array]:
+        length = norm(p)
+        unit = p / np.where(length == 0, 1.0, length)[..., None]
+        return length - r_m, dot(unit, v)
+
+    def between(a: int, b: int) -> tuple[Array, Array]:
+        return apart(
+            front_m[..., a, :] - front_m[..., b, :], velocity_mps[..., a, :] - velocity_mps[..., b, :]
+        )
+
+    ones, twos = zip(between(0, 1), between(0, 2), strict=True)
+    gap, gap_rate = between(2, 1)
+    distance, rate = np.stack(ones, axis=-1), np.stack(twos, axis=-1)
+    return {"distance_m": distance, "distance_rate_mps": rate, "gap_m": gap, "gap_rate_mps": gap_rate}
+
+
+def _start(found: Recorded, trace: Trace) -> Check:
+    """The first tick is the scenario's beginning."""
+    if found.ticks[0] != 0:
+        return Check("start", False, f"it begins at {found.ticks[0] * found.step_s:.2f} s")
+    initial, c = trace.scenario.initial, found.columns
+    starts = [getattr(initial, car) for car in CARS]
+    speed = np.array([start.speed_mps for start in starts])
+    none = np.zeros(len(CARS))
+    expected = {
+        "front_m": np.array([start.front_m for start in starts]),
+        "velocity_mps": np.stack([speed, none], axis=-1),
+        "heading_rad": none,
+        "speed_mps": speed,
+        "steer_rad": none,
+        "opinion": np.array(initial.z),
+        "mu": np.array(initial.mu),
+    }
+    if trace.plant == "double_integrator":  # a point turns with its velocity, and has no wheels
+        expected |= {
+            "heading_rad": np.arctan2(none, speed),
+            "speed_mps": np.abs(speed),
+            "steer_rad": np.full(len(CARS), np.nan),
+        }
+    first = {name: value[None] for name, value in expected.items()}
+    here = {name: c[name][:1] for name in expected}
+    wrong, _ = compared(here, first, np.zeros(1), _RELATIVE, 1e-6)
+    return checked("start", wrong, "positions, speeds, z and mu as the scenario begins")
+
+
+def _distances(found: Recorded, trace: Trace) -> Check:
+    """d_j, d_j' and the gap follow from the positions and velocities."""
+    c = found.columns
+    expected = geometry(c["front_m"], c["velocity_mps"], trace.scenario.law.r_m)
+    says = "d_j, d_j' and the gap, from positions and velocities"
+    return _check("distances", says, found, expected, _DISTANCE_M, _DISTANCE_M)
+
+
+def _sensing(found: Recorded, trace: Trace, cars: Cars) -> Check:
+    """What the ego was told follows from the truth, the scenario's mismatch and the seed."""
+    if found.manifest["sensing"] == "exact":
+        sense = Sensing((trace.scenario.mismatch,), [0], found.step_s)
+        if not (trace.continuous or sense.exact):
+            return Check("sensing", False, "the manifest says exact, and the scenario does not")
+        return Check("sensing", True, "the ego was told the truth")
+    sense = Sensing((trace.scenario.mismatch,), [int(trace.seeds[0])], found.step_s)
+    rows = []
+    for k in range(len(found.ticks)):
+        seen, u_1 = sense(at(cars, k), found.columns["u_mps2"][k : k + 1, 1])
+        told = {"front_m": seen.front_m, "velocity_mps": seen.velocity_mps, "heading_rad": seen.heading_rad}
+        told |= {"speed_mps": seen.speed_mps, "steer_rad": seen.steer_rad}
+        u = np.zeros((1, len(CARS), 2))
+        u[:, 1] = u_1
+        rows.append(the_truth(told | {"u_mps2": u}))
+    expected = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    says = "what the ego was told, from the truth, the mismatch and the seed"
+    return _check("sensing", says, found, expected, _RELATIVE, _RELATIVE)
+
+
+def _law(found: Recorded, trace: Trace, cars: Cars) -> Check:
+    """Drivers, law, inverse and limits say what the cars are told, from what they saw and the opinion."""
+    says = "drivers, target, u_n, u_c, u, a, omega, steering and torques, from what was seen and the opinion"
+    return _check("law", says, found, commands(found, trace, cars), _RELATIVE, _RELATIVE)
+
+
+def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
+    """What drivers, law, inverse and limits tell the cars, by column, (T, ...).
+
+    Args:
+        found: the file as read.
+        trace: the run in it.
+        cars: its motion, (T, C).
+    """
+    c, law = found.columns, trace.scenario.law
+    u_j, stand = _neighbours(found, trace, cars)
+    told = decide(
+        law,
+        Sensed(
+            p=c["sensed_front_m"][:, 0],
+            v=c["sensed_velocity_mps"][:, 0],
+            p_j=c["sensed_front_m"][:, 1:],
+            v_j=c["sensed_velocity_mps"][:, 1:],
+            u_1=c["sensed_leader_mps2"],
+        ),
+        c["opinion"],
+    )
+    heading, speed, steer = c["heading_rad"].copy(), c["speed_mps"].copy(), c["steer_rad"].copy()
+    heading[:, 0], speed[:, 0] = c["sensed_heading_rad"], c["sensed_speed_mps"]
+    steer[:, 0] = c["sensed_steer_rad"]
+    seen = replace(cars, heading_rad=heading, speed_mps=speed, steer_rad=steer)
+    u = np.concatenate([told.u[:, None], u_j], axis=1)
+    return {
+        "weight": told.w,
+        "mu_input_per_s": told.mu_input,
+        "sensed_distance_m": told.geometry.d,
+        "sensed_distance_rate_mps": told.geometry.d_dot,
+        "target_m": c["sensed_front_m"][:, 1] + told.e_1_star,
+        "u_n_mps2": told.u_n,
+        "u_c_mps2": told.u_c,
+        "u_mps2": u,
+        **_actuated(seen, u, stand, found, trace),
+    }
+
+
+def _neighbours(found: Recorded, trace: Trace, cars: Cars) -> tuple[Array, Mask]:
+    """What the neighbours' drivers intend, (T, 2, 2), and which of the cars mean to stand, (T, C)."""
+    scenario = trace.scenario
+    drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
+    lanes_m = np.array([[getattr(scenario.initial, car).front_m[1] for car in CARS[1:]]])
+    hold_s = 0.0 if trace.continuous else found.step_s
+    seeds = [int(trace.seeds[0])]
+    traffic = Traffic.of(drivers, seeds, scenario.duration_s, lanes_m, trace.sheets[1:], hold_s)
+    intended, stand = [], []
+    for k, tick in enumerate(found.ticks):
+        now, time_s = at(cars, k), float(tick * found.step_s)
+        intended.append(traffic.intend(now, time_s))
+        stand.append(traffic.stands(now, time_s, intended[-1]))
+    return np.concatenate(intended), np.concatenate(stand)
+
+
+def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) -> dict[str, Array]:
+    """What the cars are told, by column, tick after tick: feet remember."""
+    believed = BelievedCars.of(believed_sheets(trace.scenario), limited=trace.plant in LIMITED)
+    eps_v_mps, feet = trace.scenario.law.eps_v_mps, Feet(found.step_s)
+    told = []
+    for k in range(len(found.ticks)):
+        row = slice(k, k + 1)
+        now = at(seen, k)
+        told.append(actuate(now, u[row], believed, eps_v_mps, found.step_s, feet, stand[row]))
+    names = {
+        "a_mps2": "a_mps2",
+        "omega_radps": "omega_radps",
+        "steer_command_rad": "steer_rad",
+        "torque_n_m": "torque_n_m",
+        "torque_clipped_n_m": "torque_clipped_n_m",
+        "steer_clipped_rad": "steer_clipped_rad",
+    }
+    return {column: np.concatenate([getattr(one, name) for one in told]) for column, name in names.items()}
+
+
+def _opinion(found: Recorded, trace: Trace) -> Check:
+    """Opinion z and mu follow from one tick to the next."""
+    if trace.continuous:
+        return Check("opinion", None, "not checked: in continuous time it has no steps")
+    c, law, step_s = found.columns, trace.scenario.law, trace.scenario.control_step_s
+    before = np.flatnonzero(np.diff(found.ticks) == 1)
+    z, mu = advance(law, c["opinion"][before], c["mu"][before], c["mu_input_per_s"][before], step_s)
+    expected = {"opinion": z, "mu": mu}
+    return _check(
+        "opinion", "z and mu, each from the tick before", found, expected, _RELATIVE, 1e-12, before + 1
+    )
+
+
+def _check(
+    name: str,
+    says: str,
+    found: Recorded,
+    expected: Mapping[str, Array],
+    relative: float,
+    absolute: float,
+    rows: Any = slice(None),
+) -> Check:
+    """Recorded columns against what they should be."""
+    columns = {column: found.columns[column][rows] for column in expected}
+    time_s = found.ticks[rows] * found.step_s
+    wrong, most = compared(columns, expected, time_s, relative, absolute)
+    return checked(name, wrong, f"{says}: off by at most {most:.1g}")

@@ -1,0 +1,1 @@
+"""One YAML file as a frozen value: schema, loading, checks, mismatch and where it acts."""

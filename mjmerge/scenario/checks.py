@@ -1,0 +1,145 @@
+"""What a well-formed scenario can still get wrong: physics, spacing and names.
+
+A check is a function of the sections it reads, named as in the scenario (``sheets`` are the data sheets, by
+car). It runs if those are valid, whatever is wrong with the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from inspect import signature
+from itertools import combinations
+from math import dist
+from typing import Any
+
+from mjmerge.config.bounds import MOST_ROWS, MOST_TICKS
+from mjmerge.drivers import Driver, kinds
+from mjmerge.errors import Problem
+from mjmerge.scenario.schema import CARS, Check, Drivers, Initial, Law
+from mjmerge.vehicle.datasheet import DataSheet
+
+
+def check(sections: Mapping[str, Any]) -> Iterator[Problem]:
+    """Every problem that the checks find in the sections that are there."""
+    for one in _CHECKS:
+        needs = signature(one).parameters
+        if needs.keys() <= sections.keys():
+            yield from one(**{name: sections[name] for name in needs})
+
+
+def _steps(duration_s: float, control_step_s: float, physics_step_s: float) -> Iterator[Problem]:
+    """The steps divide one another, and there is at least one."""
+    ratio = control_step_s / physics_step_s
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+        yield Problem(
+            f"control step ({control_step_s} s) must be a whole multiple of the physics step "
+            f"({physics_step_s} s)",
+            "control_step_s",
+        )
+    if duration_s < control_step_s:
+        yield Problem(
+            f"duration ({duration_s} s) must be at least one control step ({control_step_s} s)",
+            "duration_s",
+        )
+    elif duration_s / control_step_s > MOST_TICKS:
+        yield Problem(
+            f"{duration_s} s are {duration_s / control_step_s:.3g} control steps of {control_step_s} s; "
+            f"a run has at most {MOST_TICKS}",
+            "control_step_s",
+        )
+
+
+def _variant(law: Law) -> Iterator[Problem]:
+    """The law's variant exists, and its parts combine."""
+    from mjmerge.law.opinion_dynamics.variants import complaints  # further down the flow than a scenario
+
+    for complaint in complaints(law.variant):
+        yield Problem(complaint, "law.variant")
+
+
+def _distances(initial: Initial, law: Law) -> Iterator[Problem]:
+    """The barrier's hypothesis d_j(0) > 0 holds for both neighbours."""
+    for neighbour in CARS[1:]:
+        apart = dist(initial.ego.front_m, getattr(initial, neighbour).front_m)
+        if apart <= law.r_m:
+            yield Problem(
+                f"the ego starts {apart:g} m from {neighbour}, front axle to front axle; it must be more "
+                f"than r_m = {law.r_m} m; move the ego away",
+                "initial.ego.front_m",
+            )
+
+
+def _order_and_gap(initial: Initial, law: Law) -> Iterator[Problem]:
+    """Vehicle 2 follows Vehicle 1, and the target between them is at a safe distance from both."""
+    x_1, x_2 = initial.vehicle_1.front_m[0], initial.vehicle_2.front_m[0]
+    if x_2 >= x_1:
+        yield Problem(
+            f"vehicle_2 must start behind vehicle_1: its x is {x_2} m, and vehicle_1's is {x_1} m",
+            "initial.vehicle_2.front_m",
+        )
+    if law.r_rho_m >= 0:
+        yield Problem(
+            f"must be negative, got {law.r_rho_m}: rho points forward and the target is behind vehicle_1",
+            "law.r_rho_m",
+        )
+    if x_2 >= x_1 or law.r_rho_m >= 0:
+        return
+    gap = dist(initial.vehicle_1.front_m, initial.vehicle_2.front_m)
+    furthest = gap - law.r_m
+    if furthest <= law.r_m:
+        yield Problem(
+            f"the gap behind vehicle_1 is {gap:g} m at the start; it must be wider than "
+            f"2 r_m = {2 * law.r_m:g} m to have room for the target; move vehicle_2 back",
+            "initial.vehicle_2.front_m",
+        )
+    elif not law.r_m < -law.r_rho_m < furthest:
+        yield Problem(
+            f"the target is {-law.r_rho_m} m behind vehicle_1, closer than r_m = {law.r_m} m to a neighbour "
+            f"(the gap is {gap:g} m at the start); choose between {-furthest:g} and {-law.r_m}",
+            "law.r_rho_m",
+        )
+
+
+def _bodies(initial: Initial, sheets: Mapping[str, DataSheet]) -> Iterator[Problem]:
+    """No two bodies overlap; all are rectangles along the road."""
+    spans = {}
+    for car in CARS:
+        sheet, (x, y) = sheets[car], getattr(initial, car).front_m
+        nose = x + sheet.front_overhang_m
+        half_width = sheet.width_m / 2
+        spans[car] = ((nose - sheet.length_m, nose), (y - half_width, y + half_width))
+    for one, other in combinations(CARS, 2):
+        along, across = (
+            min(a[1], b[1]) - max(a[0], b[0]) for a, b in zip(spans[one], spans[other], strict=True)
+        )
+        if along > 0 and across > 0:
+            yield Problem(
+                f"the bodies of {one} and {other} overlap at the start, by {along:.3g} m along the road and "
+                f"{across:.3g} m across it; move one of them",
+                f"initial.{other}.front_m",
+            )
+
+
+def _gate(gate: tuple[Check, ...]) -> Iterator[Problem]:
+    """The gate is no longer than anybody would wait for."""
+    if len(gate) > MOST_ROWS:
+        yield Problem(f"has {len(gate)} rows; a gate has at most {MOST_ROWS}", "gate")
+
+
+def _drivers(drivers: Drivers) -> Iterator[Problem]:
+    """The first neighbour's driver needs nobody ahead; and what each driver finds wrong with itself."""
+    first = CARS[1]
+    leads: Driver = getattr(drivers, first)
+    if not leads.can_lead:
+        leaders = ", ".join(sorted(kind for kind, driver in kinds().items() if driver.can_lead))
+        yield Problem(
+            f"{leads.kind!r} follows the car ahead, and {first} has nobody ahead of it; "
+            f"kinds that can lead: {leaders}",
+            f"drivers.{first}.kind",
+        )
+    for car in CARS[1:]:
+        for key, message in getattr(drivers, car).problems():
+            yield Problem(message, f"drivers.{car}.{key}")
+
+
+_CHECKS = (_steps, _variant, _distances, _order_and_gap, _bodies, _drivers, _gate)

@@ -1,0 +1,307 @@
+"""The scenario: what one YAML file says, frozen once loaded.
+
+Units are in the key names. Positions are **front-axle centres in the road frame**: x along the road
+(the paper's rho), y to the left of it (eta). Every number the paper leaves open is a key here, with the
+default we chose and why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import inf, sqrt
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
+
+from mjmerge import drivers as _drivers
+from mjmerge.config.bounds import LONGEST_S
+from mjmerge.config.frozen import Frozen
+from mjmerge.config.units import Unit, rescaled
+from mjmerge.errors import MjmergeError, Problem, ScenarioError
+from mjmerge.scenario.acts import BODIES, LIMITS, WHEELS, Acts
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.vehicle.datasheet import DataSheet
+
+CARS = ("ego", "vehicle_1", "vehicle_2")
+"""The cars of every scenario, in the order of every array's car axis."""
+
+if TYPE_CHECKING:
+    DriverSpec = _drivers.Driver
+else:
+    DriverSpec = _drivers.union()
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Need = Literal["barrier", "grip"]
+Place = Annotated[float, Field(ge=-1e9, le=1e9)]
+Point = Annotated[tuple[Place, Place], Field(strict=False)]
+
+
+def _has(*parts: str) -> Callable[[Any], bool]:
+    """Whether a scenario's law has one of these parts in its variant."""
+    return lambda scenario: not set(parts).isdisjoint(scenario.law.variant.split("+"))
+
+
+_CAPPED = Acts(
+    continuous=True, when=_has("capped", "guarded"), only="under the law variants capped and guarded"
+)
+_FLOORED = Acts(continuous=True, when=_has("z_floor"), only="under the law variant z_floor")
+
+
+class Law(Frozen):
+    """Gains and parameters of the paper's law, in the paper's letters; defaults are its Section 4."""
+
+    variant: str = "literal"
+    """Which reading of the equations to run, such as gated+one_sided; ``mjmerge list laws`` shows them."""
+    k_p: Annotated[NonNegative, Unit(0, -2)] = 0.7
+    """Position gain, 1/s^2 (the paper's eq. for u^n writes k_d once; it is k_p)."""
+    k_v: Annotated[NonNegative, Unit(0, -1)] = 2.0
+    """Velocity gain, 1/s."""
+    k_o: Annotated[NonNegative, Unit(1, -1)] = 1.0
+    """Barrier gain, m/s; 0 switches the barrier off."""
+    k_w: Positive = 40.0
+    """Slope of the opinion's weight w = tanh(k_w z)."""
+    k_mu: Annotated[Positive, Unit(0, -1)] = 5.0
+    """Decay rate of mu, 1/s."""
+    k: Annotated[Positive, Unit(-1, 1)] = 20.0
+    """Slope of the tanh in the mu-law, s/m."""
+    k_s: Annotated[Positive, Unit(0, -1)] = 1.0
+    """Gain of that tanh, 1/s; the paper writes it as a bare 1."""
+    eps: Annotated[Positive, Unit(0, 1)] = 0.05
+    """Time scale of the opinion, s."""
+    eps_1: Annotated[NonNegative, Unit(0, -1)] = 0.5
+    """Fastest divergent flow of the gap that still counts as staying open, 1/s."""
+    r_m: Positive = 0.6
+    """Safe margin r between front axles, m."""
+    r_rho_m: float
+    """Offset r^rho of the target behind Vehicle 1, m; negative, because rho points forward."""
+    r_eta_m: float
+    """Lateral offset r^eta of the target while w = 0, m: where the ego's own lane is."""
+    eps_v_mps: Annotated[Positive, Acts(on=WHEELS, continuous=True)] = 0.1
+    """Speed below which the bicycle inverse uses sign(v_r) eps_v in place of v_r, m/s (sign(0) = +1)."""
+    d_cap_m: Annotated[Positive, _CAPPED] = 0.05
+    """Distance below which the variants ``capped`` and ``guarded`` let the barrier grow no further, m.
+
+    At 0.05 its gain k_o/d stays below 20/s: stable under a hold of up to 0.1 s or a delay of up to 0.08 s.
+    """
+    z_floor: Annotated[Positive, _FLOORED] = 1e-3
+    """Smallest opinion under the variant ``z_floor``, 1; at 1e-3 the target moves by 4 % of r_eta for it."""
+
+
+class CarStart(Frozen):
+    """Where a car is at t = 0; it points along the road with straight wheels."""
+
+    front_m: Point
+    """Front-axle centre [x, y] in the road frame, m."""
+    speed_mps: Annotated[float, Field(ge=-1000, le=1000)]
+    """Speed along the road, m/s."""
+
+
+class Initial(Frozen):
+    """State at t = 0."""
+
+    ego: CarStart
+    vehicle_1: CarStart
+    vehicle_2: CarStart
+    z: NonNegative = 0.15
+    """Opinion z(0); the paper asks for a small positive number."""
+    mu: float = 0.0
+    """Bifurcation parameter mu(0), 1."""
+
+
+class Drivers(Frozen):
+    """Who drives the neighbours; ``mjmerge list drivers`` shows the kinds."""
+
+    vehicle_1: DriverSpec
+    vehicle_2: DriverSpec
+
+
+class Models(Frozen):
+    """The car model of each car; ``mjmerge list models`` shows them."""
+
+    ego: str = "rc"
+    vehicle_1: str = "rc"
+    vehicle_2: str = "rc"
+    size: Annotated[float, Field(gt=0), Unit(1, 0)] = 1.0
+    """Lengths of the cars over those of their data sheets. Only ideal plants have cars of any size: mujoco's
+    come as they are."""
+
+
+class Road(Frozen):
+    """The road as it is drawn; it is flat and straight, and its grip is a mismatch, not a design value."""
+
+    lane_width_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.2
+    """Width of a lane as drawn, m; the paper gives none."""
+
+
+class Belief(Frozen):
+    """What the ego believes of itself where it differs from its model's data sheet; null = data sheet."""
+
+    wheelbase_m: Annotated[Positive | None, Acts(on=WHEELS, continuous=True)] = None
+    """Wheelbase L, m."""
+    mass_kg: Annotated[Positive | None, Acts(on=LIMITS)] = None
+    """Mass, m, kg."""
+    wheel_radius_m: Annotated[Positive | None, Acts(on=LIMITS)] = None
+    """Rolling radius, m."""
+
+
+class Floor(Frozen):
+    """A one-sided bound."""
+
+    at_least: float = 0.0
+    """The run fails below this."""
+
+
+class Expect(Frozen):
+    """What must come out for exit code 0."""
+
+    min_distance_m: Floor = Floor()
+    """Safety floor on min over t of d_1 and d_2, m. Whatever it says, d_j <= 0 and touching bodies fail."""
+
+
+def _on_a_line(name: str) -> str:
+    """A name that tables, CSV, JUnit and pytest can all show."""
+    if not name.isprintable() or name != name.strip() or "::" in name:
+        raise ValueError("must be printable text on a line, without '::' or spaces around it")
+    return name
+
+
+class Check(Frozen):
+    """A row of the regression gate: this scenario under a mismatch, and what must hold then."""
+
+    name: Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_on_a_line)]
+    """What the row is called."""
+    plant: str = "mujoco"
+    """What moves the cars."""
+    set: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Keys that are different in this row, as on the command line: mismatch.friction=0.3."""
+    at_least_m: float
+    """Safety floor on d_1 and d_2, m: one-sided, set by hand."""
+    needs: Annotated[tuple[Need, ...], Field(strict=False)] = ("barrier",)
+    """What must be put to the test, or the row is vacuous: barrier (it is safe because of it), grip (some
+    car was asked for more than the road gives)."""
+
+
+class Scenario(Frozen):
+    """One run, described completely: with a seed, a plant and the versions it gives the same bits again."""
+
+    description: str = ""
+    """One line for ``mjmerge list``."""
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] = 35.0
+    """Simulated time, s."""
+    control_step_s: Annotated[float, Field(gt=0, le=1)] = 0.01
+    """Time the law's command is held, s; the paper has none (continuous time)."""
+    physics_step_s: Annotated[float, Field(ge=1e-5, le=0.02), Acts(on=BODIES, beside="control_step_s")] = (
+        0.001
+    )
+    """Time step of the physics, s; the control step is a whole multiple of it."""
+    initial: Initial
+    law: Law
+    drivers: Drivers
+    models: Models = Models()
+    road: Road = Road()
+    belief: Belief = Belief()
+    mismatch: Mismatch = Mismatch()
+    expect: Expect = Expect()
+    gate: Annotated[
+        tuple[Check, ...],
+        Field(strict=False),
+        Acts(on=(), only="it is read by `mjmerge check` alone"),
+    ] = ()
+    """Rows of the regression gate, see ``mjmerge check``."""
+
+    _name: str = PrivateAttr(default="scenario")
+    _recorded: tuple[Models, tuple[DataSheet, ...]] | None = PrivateAttr(default=None)
+    _given: dict[str, str] = PrivateAttr(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """What the run is called: the stem of the file it came from. Not a key, and not compared."""
+        return self._name
+
+    def named(self, name: str) -> Scenario:
+        """The same scenario under another name."""
+        copy = self.model_copy()
+        copy._name = name
+        return copy
+
+    @property
+    def given(self) -> Mapping[str, str]:
+        """Keys that were given beside the file, as in ``--set``, and the text of each. Not compared.
+
+        Where such a key is without effect on a plant, the run is refused, see :mod:`mjmerge.scenario.effect`.
+        """
+        return self._given
+
+    def giving(self, given: Mapping[str, str]) -> Scenario:
+        """The same scenario with the memory that these keys were given beside its file."""
+        copy = self.model_copy()
+        copy._given = dict(given)
+        return copy
+
+    def settled(self) -> Scenario:
+        """The same scenario as if all of it stood in its file: to be run on another plant for comparison."""
+        return self.giving({})
+
+    @property
+    def sheets(self) -> tuple[DataSheet, ...] | None:
+        """Data sheet of each car where they are settled, (C,); ``None`` where the models are to be asked."""
+        if self._recorded is None or self._recorded[0] != self.models:
+            return None
+        return self._recorded[1]
+
+    def with_sheets(self, sheets: tuple[DataSheet, ...]) -> Scenario:
+        """The same scenario with data sheets of its own, (C,): whatever has become of the models' files."""
+        copy = self.model_copy()
+        copy._recorded = (self.models, sheets)
+        return copy
+
+    def scaled(self, length: float) -> Scenario:
+        """The same scenario at another size, by similarity: lengths times s, times and speeds times sqrt(s).
+
+        Accelerations stay, so that gravity and friction keep their meaning; everything else follows from its
+        unit (k_o is a velocity, k_p is 1/s^2, ...). On the ideal plants the run is the same run at the other
+        scale, with cars of that size (``models.size``). Physical cars come in their own size: for ``mujoco``,
+        choose models of the new one. The regression gate is left behind, and how the neighbours keep their
+        lane is not scaled.
+
+        Args:
+            length: s, the factor of lengths.
+
+        Raises:
+            MjmergeError: it is no size.
+            ScenarioError: a key leaves its bounds.
+        """
+        if isinstance(length, bool) or not isinstance(length, int | float) or not 0 < length < inf:
+            raise MjmergeError(f"the scale must be a positive number, got {length!r}")
+        other = rescaled(self, length, sqrt(length)).model_copy(update={"gate": ()})
+        try:
+            type(self).model_validate(other.model_dump())
+        except ValidationError as invalid:
+            problems = [Problem(e["msg"], ".".join(map(str, e["loc"]))) for e in invalid.errors()]
+            raise ScenarioError(f"{self.name}, scaled by {length:g}", problems) from invalid
+        return other
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scenario) and self.model_dump() == other.model_dump()
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _hand_over(cls, value: object, info: ValidationInfo) -> object:
+        """Put every valid section into the context, so that an invalid scenario's can be checked too."""
+        if info.context is not None:
+            info.context[info.field_name] = value
+        return value
+
+    @property
+    def ticks(self) -> int:
+        """Number of control ticks in the trace, both ends included."""
+        return round(self.duration_s / self.control_step_s) + 1
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps per control step."""
+        return round(self.control_step_s / self.physics_step_s)
+
+
+Plant = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]

@@ -1,0 +1,1 @@
+"""What to run next: ladders and breaking points."""

@@ -1,0 +1,1 @@
+"""The loop of a run, what the ego is told, continuous time, and the trace."""

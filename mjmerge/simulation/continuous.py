@@ -1,0 +1,337 @@
+"""Continuous time, the paper's own: law, opinion, mu, drivers and an ideal plant as one ODE.
+
+The state x is the plant's, then ln z, then mu. Positions are in a frame that moves at Vehicle 1's first
+speed, so that the solver's accuracy is relative to the distances between the cars and not to the way they
+have come. With the logarithm z keeps its accuracy while it decays for minutes, never turns negative, and
+never underflows for good; z(0) = 0 stays 0, as in (zi-2).
+
+Each simulation is integrated by itself with DOP853, anew from every time at which a driver's intention may
+jump. Where the equation is stiff (the barrier's rate is k_o/d_j) and its steps become tiny, Radau takes over
+for a while. The solution is sampled on the trace's grid and played back as a plant, so that the same loop
+fills every column of the trace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import cast
+
+import numpy as np
+from scipy.integrate import DOP853, OdeSolver, Radau
+from scipy.optimize import brentq
+
+from mjmerge.drivers import Traffic
+from mjmerge.errors import MjmergeError
+from mjmerge.law import Sensed, decide
+from mjmerge.law.opinion_dynamics.barrier import singular
+from mjmerge.law.opinion_dynamics.opinion import floored, rates
+from mjmerge.plant import Fault, Plant, Smooth, make
+from mjmerge.scenario.schema import Law, Scenario
+from mjmerge.state import Array, Cars, Controls, Mask, norm
+from mjmerge.vehicle.actuation import BelievedCars
+from mjmerge.vehicle.bicycle import inverse
+
+RTOL, ATOL = 1e-10, 1e-12
+"""Relative and absolute error of one step of the solver, in SI units."""
+
+_LONGEST_STEP_S = 0.2  # between the ends of a longer one, the interpolant is far worse than the step
+_TINY_STEP_S = 2e-3  # an average step of less is stiffness
+_LOOK_STEPS = 50  # how many steps that average is over
+_IMPLICIT_S = 1.0  # how long the implicit method then has the word
+_MOST_STEPS = 2_000  # it may take in that time before it gives up
+_TOLERANCES = 300  # a distance of so many of the solver's tolerances is the least it can tell from 0
+_DECADE = 10.0
+_BESIDE_S = 1e-11  # drivers are asked this far inside the stretch between two switches: no side to choose
+
+Rates = Callable[[float, Array], Array]
+
+
+def resolution_m(law: Law) -> float:
+    """The least d_j that the solver can tell from 0, m: some hundreds of its tolerances for a few r."""
+    return _TOLERANCES * (ATOL + RTOL * 10 * law.r_m)
+
+
+def _u(cars: Cars, u: Array, believed: BelievedCars, law: Law) -> Array:
+    del cars, believed, law
+    return u
+
+
+def _a_omega(cars: Cars, u: Array, believed: BelievedCars, law: Law) -> Array:
+    pose = cars.heading_rad, cars.speed_mps, cars.steer_rad
+    return np.stack(inverse(u, *pose, believed.wheelbase_m, law.eps_v_mps), axis=-1)
+
+
+_COMMANDS = {"double_integrator": _u, "bicycle": _a_omega}
+"""What each plant that has a continuous time is told, from the front-axle accelerations u."""
+
+
+class Equation:
+    """One simulation as x' = f(t, x)."""
+
+    def __init__(self, scenario: Scenario, plant: str, traffic: Traffic, believed: BelievedCars) -> None:
+        self._law, self._mu_0 = scenario.law, scenario.initial.mu
+        self._z_0 = float(floored(scenario.law, np.array(scenario.initial.z)))
+        self._traffic, self._believed, self._command = traffic, believed, _COMMANDS[plant]
+        self._plant = cast("Smooth", make(plant, scenario, None, (scenario.mismatch,), threads=0))
+        self._frame_mps = np.zeros(self._plant.state().shape[1:])
+        self._frame_mps[:, 0] = scenario.initial.vehicle_1.speed_mps  # every plant's state begins with its x
+
+    def start(self) -> Array:
+        """x(0), (K,)."""
+        ln_z = np.log(self._z_0) if self._z_0 > 0 else 0.0
+        return np.array([*self._plant.state().flat, ln_z, self._mu_0])
+
+    def z(self, x: Array) -> Array:
+        """The opinion in x, (..., K) -> (...)."""
+        return floored(self._law, np.exp(x[..., -2])) if self._z_0 > 0 else np.zeros(x.shape[:-1])
+
+    def motion(self, time_s: Array, x: Array) -> Array:
+        """The plant's state in x, (T,) and (T, K) -> (T, C, K')."""
+        return x[:, :-2].reshape(-1, *self._frame_mps.shape) + time_s[:, None, None] * self._frame_mps
+
+    def distance_m(self, x: Array) -> Array:
+        """d_1 and d_2 in x, m, (K,) -> (2,)."""
+        front = self._cars(0.0, x).front_m[0]
+        d: Array = norm(front[0] - front[1:]) - self._law.r_m
+        return d
+
+    def distance_rate_mps(self, x: Array) -> Array:
+        """Their rates in x, m/s, (K,) -> (2,)."""
+        cars = self._cars(0.0, x)
+        e, nu = (values[0, 0] - values[0, 1:] for values in (cars.front_m, cars.velocity_mps))
+        rate: Array = np.sum(e * nu, axis=-1) / norm(e)
+        return rate
+
+    def between(self, start_s: float, end_s: float) -> Rates:
+        """f, with every driver's intention as it is between these times."""
+        law, first, last = self._law, start_s + _BESIDE_S, end_s - _BESIDE_S
+
+        def f(time_s: float, x: Array) -> Array:
+            cars, z = self._cars(time_s, x), self.z(x[None])
+            u_j = self._traffic.intend(cars, min(max(time_s, first), last))
+            decision = decide(law, Sensed.of(cars, u_j[:, 0]), z)
+            u = np.concatenate([decision.u[:, None], u_j], axis=1)
+            motion = self._plant.rate(self._command(cars, u, self._believed, law)) - self._frame_mps
+            ln_z_rate, mu_rate = rates(law, z, x[-1:], decision.mu_input)
+            return np.concatenate([motion.ravel(), ln_z_rate, mu_rate])
+
+        return f
+
+    def _cars(self, time_s: float, x: Array) -> Cars:
+        self._plant.put(self.motion(np.array([time_s]), x[None]))
+        return self._plant.observe()
+
+
+@dataclass(frozen=True)
+class Solution:
+    """One simulation on the trace's grid; NaN from where it ended.
+
+    Attributes:
+        motion: the plant's state, (T, C, K).
+        z: opinion, (T,).
+        mu: bifurcation parameter, (T,).
+        ticks: how many ticks it reached.
+        end: why no more, in words; ``None`` if all.
+        touched: whether that is d_j reaching 0, as far as the solver can tell.
+        crossing: whether it then closed in undiminished.
+    """
+
+    motion: Array
+    z: Array
+    mu: Array
+    ticks: int
+    end: str | None
+    touched: bool
+    crossing: bool
+
+
+def integrate(
+    equation: Equation, law: Law, time_s: Array, switches_s: Array, progress: Callable[[float], None]
+) -> Solution:
+    """Solves an equation up to the last tick, to d_j = 0 if the barrier is singular there, or until stuck.
+
+    Short of d_j = 0 there is a distance that the solver cannot tell from it, and there it ends. A barrier
+    that works takes k_o ln 10 out of the closing speed over the last decade before that; where none of it is
+    taken, d_j was to go through 0.
+
+    Args:
+        equation: what to solve.
+        law: its law.
+        time_s: the trace's grid, s, (T,).
+        switches_s: where to start anew, s, (S,), increasing.
+        progress: called after every step with the simulated time, s.
+    """
+    start = equation.start()
+    samples = np.full((len(time_s), len(start)), np.nan)
+    ticks, end, touched, crossing, d = 0, None, False, False, equation.distance_m(start)
+    least_m = resolution_m(law)
+    rate_before = np.full(len(d), -np.inf)  # of each d_j, a decade before that
+    inside = switches_s[(switches_s > 0) & (switches_s < time_s[-1])]
+    try:
+        for solver in _steps(equation, start, [0.0, *inside.tolist(), float(time_s[-1])]):
+            d_before, d, upto = d, equation.distance_m(solver.y), solver.t
+            near_m = _DECADE * least_m
+            for j in np.flatnonzero((d_before > near_m) & (d <= near_m)).tolist():
+                rate_before[j] = equation.distance_rate_mps(_when(equation, solver, j, near_m)[1])[j]
+            reached = np.flatnonzero((d_before > least_m) & (d <= least_m)).tolist()
+            if singular(law) and reached:
+                touched = True
+                upto, x, j = min(
+                    ((*_when(equation, solver, j, least_m), j) for j in reached), key=lambda found: found[0]
+                )
+                crossing = bool(equation.distance_rate_mps(x)[j] <= rate_before[j])
+                end = (
+                    f"d_{j + 1} goes through 0 at {upto:.6g} s"
+                    if crossing
+                    else f"d_{j + 1} is below {least_m:.2g} m at {upto:.6g} s, too little to tell from 0"
+                )
+            now = int(np.searchsorted(time_s, upto, side="right"))
+            if now > ticks:
+                samples[ticks:now] = solver.dense_output()(time_s[ticks:now]).T
+                ticks = now
+            progress(upto)
+            if end is not None:
+                break
+    except _StuckError as stuck:
+        end = f"{stuck}, with d_1 = {d[0]:.3g} m and d_2 = {d[1]:.3g} m"
+    return Solution(
+        equation.motion(time_s, samples), equation.z(samples), samples[:, -1], ticks, end, touched, crossing
+    )
+
+
+class _StuckError(Exception):
+    """The solver cannot go on."""
+
+
+def _steps(equation: Equation, x: Array, marks_s: list[float]) -> Iterator[OdeSolver]:
+    """The solver after each of its steps, whatever method it takes, started anew at every mark."""
+    for start, stop in pairwise(marks_s):
+        f, t, explicit = equation.between(start, stop), start, True
+        while t < stop:
+            solver: OdeSolver
+            if explicit:
+                solver = DOP853(f, t, x, stop, max_step=_LONGEST_STEP_S, rtol=RTOL, atol=ATOL)
+            else:
+                solver = Radau(f, t, x, min(t + _IMPLICIT_S, stop), rtol=RTOL, atol=ATOL)
+            yield from _stretch(solver, explicit)
+            t, x, explicit = solver.t, solver.y, not explicit
+
+
+def _stretch(solver: OdeSolver, explicit: bool) -> Iterator[OdeSolver]:
+    """Steps to the end; the explicit method stops where its steps become tiny, the implicit one must not."""
+    looked, steps = solver.t, 0
+    while solver.status == "running":
+        try:
+            trouble = solver.step()
+        except ValueError:  # the implicit method's linear algebra refuses infinite numbers
+            trouble = "its numbers are not finite"
+        if trouble is None:
+            yield solver
+            steps += 1
+        if explicit:
+            tiny = steps % _LOOK_STEPS == 0 and solver.t - looked < _LOOK_STEPS * _TINY_STEP_S
+            if trouble is not None or tiny:
+                return
+            if steps % _LOOK_STEPS == 0:
+                looked = solver.t
+        elif trouble is not None or steps > _MOST_STEPS:
+            trouble = trouble or "too many steps"
+            raise _StuckError(f"the solver gives up at {solver.t:.6g} s ({trouble})")
+
+
+def _when(equation: Equation, solver: OdeSolver, j: int, distance_m: float) -> tuple[float, Array]:
+    """When d_j fell to a distance within the last step, s, and x then, (K,)."""
+    curve = solver.dense_output()
+    at_s = float(brentq(lambda t: equation.distance_m(curve(t))[j] - distance_m, solver.t_old, solver.t))
+    return at_s, curve(at_s)
+
+
+class Flow:
+    """The solutions of N simulations, played back as a plant and as the opinion's course."""
+
+    limited = False
+
+    def __init__(self, plant: Smooth, solutions: Sequence[Solution]) -> None:
+        self._plant, self._solutions, self._tick = plant, solutions, 0
+        self._motion, self._z, self._mu = (
+            np.stack([getattr(s, name) for s in solutions], axis=1) for name in ("motion", "z", "mu")
+        )
+
+    def advance(self, law: Law, z: Array, mu: Array, mu_input: Array, step_s: float) -> tuple[Array, Array]:
+        """In place of :func:`mjmerge.law.advance`: z and mu at the next tick, as solved, each (N,)."""
+        del law, z, mu, mu_input, step_s
+        tick = min(self._tick + 1, len(self._z) - 1)
+        return self._z[tick], self._mu[tick]
+
+    def observe(self) -> Cars:
+        """See :meth:`Plant.observe`."""
+        return self._plant.observe()
+
+    def step(self, controls: Controls, running: Mask) -> None:
+        """See :meth:`Plant.step`; the controls are in the solution already."""
+        del controls, running
+        self._tick = min(self._tick + 1, len(self._motion) - 1)
+        self._plant.put(self._motion[self._tick])
+
+    def contacts(self) -> tuple[Array, Array]:
+        """See :meth:`Plant.contacts`."""
+        return self._plant.contacts()
+
+    def faults(self) -> list[Fault]:
+        """See :meth:`Plant.faults`."""
+        return [
+            Fault(run, 0, solution.end, solution.touched, solution.crossing)
+            for run, solution in enumerate(self._solutions)
+            if solution.end is not None and solution.ticks <= self._tick
+        ]
+
+    def qpos(self) -> Array:
+        """See :meth:`Plant.qpos`."""
+        return self._plant.qpos()
+
+
+def check(plant: str) -> None:
+    """Raises MjmergeError unless the plant is a differential equation."""
+    if plant not in _COMMANDS:
+        raise MjmergeError(f"{plant} has no continuous time; {' and '.join(_COMMANDS)} have")
+
+
+def solve(
+    scenario: Scenario,
+    plant: str,
+    moving: Plant,
+    traffic: Traffic,
+    believed: BelievedCars,
+    time_s: Array,
+    progress: Callable[[float], None] | None,
+) -> Flow:
+    """Integrates every simulation, each by itself.
+
+    Args:
+        scenario: what to run.
+        plant: name of the plant.
+        moving: that plant with all N simulations, which plays the solutions back.
+        traffic: the neighbours of all N.
+        believed: what the cars are believed to be.
+        time_s: the trace's grid, s, (T,).
+        progress: called with the simulated time averaged over all N, s.
+
+    Raises:
+        MjmergeError: the plant is no differential equation.
+    """
+    check(plant)
+    solutions: list[Solution] = []
+    runs = len(traffic.lanes_m)
+
+    def report(t: float) -> None:
+        if progress is not None:
+            progress((len(solutions) * time_s[-1] + t) / runs)
+
+    with np.errstate(all="ignore"):  # what a step that is not accepted computes does not matter
+        for run in range(runs):
+            alone = traffic.alone(run)
+            equation = Equation(scenario, plant, alone, believed)
+            solutions.append(integrate(equation, scenario.law, time_s, alone.switches(), report))
+    return Flow(cast("Smooth", moving), solutions)

@@ -1,0 +1,191 @@
+"""The loop: observe, decide, actuate, record, step. One page, for one run or a thousand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from mjmerge.config.bounds import check_runs
+from mjmerge.drivers import Traffic
+from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
+from mjmerge.plant import check, make
+from mjmerge.scenario.effect import check as check_effect
+from mjmerge.scenario.load import car_sheets
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.simulation.arguments import check_run
+from mjmerge.simulation.sensing import Sensing
+from mjmerge.simulation.trace import Log, Sink, Stop, Trace
+from mjmerge.state import Array, Cars, Controls
+from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate, believed_sheets
+from mjmerge.world.compose import World, build
+
+Case = tuple[int, Mismatch]
+"""Seed and mismatch of one simulation."""
+
+_PROGRESS_TICKS = 20
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what stopped may hold anything, unrecorded
+def simulate(
+    scenario: Scenario,
+    plant: str = "mujoco",
+    *,
+    runs: int = 1,
+    seed: int = 0,
+    threads: int = 0,
+    world: World | None = None,
+    sink: Sink | None = None,
+    live: Sink | None = None,
+    progress: Callable[[float], None] | None = None,
+    continuous: bool = False,
+    cases: Sequence[Case] | None = None,
+) -> Trace:
+    """Runs a scenario N times; run i has the seed ``seed + i`` and the same bits alone or among others.
+
+    Args:
+        scenario: what to run.
+        plant: what moves the cars, one of ``mjmerge.plant.PLANTS``.
+        runs: number of simulations N.
+        seed: seed of the first one.
+        threads: threads for the physics, 0 for all cores; does not change the result.
+        world: the scenario's world, where it is built already.
+        sink: gets simulation 0 in blocks while it runs.
+        live: likewise, in smaller blocks.
+        progress: called now and then with the simulated time, s.
+        continuous: in continuous time, to the accuracy of ``mjmerge.simulation.continuous``: no command is held. For the
+            two ideal plants.
+        cases: seed and mismatch of each simulation, in place of ``runs``, ``seed`` and the scenario's
+            mismatch. In continuous time there is no mismatch.
+
+    Returns:
+        The trace. A simulation that fails stops there, is named in ``trace.stops``, and is NaN from then on.
+
+    Raises:
+        UnknownNameError: there is no such plant.
+        ModelError: a car model lacks what is needed of it.
+        ScenarioError: a key that was given beside the scenario's file, or a case, is without effect here.
+        MjmergeError: an argument is not what it must be, the plant has no continuous time, or the first
+            neighbour's driver nobody to follow.
+    """
+    check_run(scenario, plant, runs, seed, threads, cases, continuous=continuous, world=world)
+    check(plant, scenario)
+    check_effect(scenario, plant, continuous=continuous, mismatches=[m for _, m in cases or ()])
+    scenario = scenario.settled().with_sheets(tuple(car_sheets(scenario)))  # whatever becomes of the models
+    if cases is None:
+        check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
+        cases = [(seed + i, scenario.mismatch) for i in range(runs)]
+    given, mismatch = zip(*cases, strict=True)
+    runs = len(cases)
+    check_runs(scenario, runs, (min(given), max(given)), mismatch)
+    seeds = np.array(given, dtype=np.int64)
+    if world is None and (plant == "mujoco" or sink is not None or live is not None):
+        world = build(scenario, mismatch)
+    law, h = scenario.law, scenario.control_step_s
+    drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
+    moving = make(plant, scenario, world, mismatch, threads)
+    sense = Sensing(() if continuous else mismatch, seeds.tolist(), h)
+    sheets = tuple(believed_sheets(scenario))
+    lanes_m, hold_s = moving.observe().front_m[:, 1:, 1], 0.0 if continuous else h
+    traffic = Traffic.of(drivers, seeds.tolist(), scenario.duration_s, lanes_m, sheets[1:], hold_s)
+    believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
+    z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
+    running = np.ones(runs, dtype=bool)
+    log = Log(
+        scenario, plant, seeds, sheets, mismatch, sink, live, continuous=continuous, told_truth=sense.exact
+    )
+    opinion = advance
+    if continuous:
+        from mjmerge.simulation.continuous import solve  # scipy takes its time to import
+
+        moving = flow = solve(scenario, plant, moving, traffic, believed, log.time_s, progress)
+        opinion, progress = flow.advance, None
+
+    for k, t in enumerate(log.time_s.tolist()):
+        # observe
+        for fault in moving.faults():
+            if running[fault.run]:
+                running[fault.run] = False
+                log.stop(Stop(fault.run, t, CARS[fault.car], fault.reason, fault.touched, fault.crossing))
+        if not running.any():
+            break
+        cars = moving.observe()
+
+        # decide: the neighbours first, then the ego, which knows what the leader intends
+        u_j = traffic.intend(cars, t)
+        seen, u_1 = sense(cars, u_j[:, 0])
+        decision = decide(law, Sensed.of(seen, u_1), z)
+        truth = geometry(law, Sensed.of(cars, u_j[:, 0]))  # by itself: not what the law makes of it
+
+        # actuate
+        u = np.concatenate([decision.u[:, None], u_j], axis=1)
+        controls = actuate(seen, u, believed, law.eps_v_mps, h, feet, traffic.stands(cars, t, u_j))
+
+        # record
+        row = _row(cars, seen, truth, controls, decision, z, mu, moving.contacts())
+        if not sense.exact:
+            row |= _told(seen, u_1)
+        log.write(row, running, lambda: moving.qpos()[0])
+        if progress is not None and k % _PROGRESS_TICKS == 0:
+            progress(t)
+
+        # step
+        z, mu = opinion(law, z, mu, decision.mu_input, h)
+        moving.step(controls, running)
+    return log.finish()
+
+
+def _told(seen: Cars, u_1: Array) -> dict[str, Array]:
+    """What the ego was told in one tick, as the columns of the trace."""
+    return {
+        "sensed_front_m": seen.front_m,
+        "sensed_velocity_mps": seen.velocity_mps,
+        "sensed_heading_rad": seen.heading_rad[:, 0],
+        "sensed_speed_mps": seen.speed_mps[:, 0],
+        "sensed_steer_rad": seen.steer_rad[:, 0],
+        "sensed_leader_mps2": u_1,
+    }
+
+
+def _row(
+    cars: Cars,
+    seen: Cars,
+    truth: Geometry,
+    controls: Controls,
+    decision: Decision,
+    z: Array,
+    mu: Array,
+    contacts: tuple[Array, Array],
+) -> dict[str, Array]:
+    """One tick, as the columns of the trace."""
+    return {
+        "opinion": z,
+        "mu": mu,
+        "weight": decision.w,
+        "distance_m": truth.d,
+        "distance_rate_mps": truth.d_dot,
+        "sensed_distance_m": decision.geometry.d,
+        "sensed_distance_rate_mps": decision.geometry.d_dot,
+        "mu_input_per_s": decision.mu_input,
+        "gap_m": truth.dbar,
+        "gap_rate_mps": truth.dbar_dot,
+        "clearance_m": cars.clearance_m,
+        "contact_impulse_n_s": contacts[0],
+        "contact_speed_mps": contacts[1],
+        "target_m": seen.front_m[:, 1] + decision.e_1_star,
+        "u_n_mps2": decision.u_n,
+        "u_c_mps2": decision.u_c,
+        "u_mps2": controls.u_mps2,
+        "front_m": cars.front_m,
+        "velocity_mps": cars.velocity_mps,
+        "heading_rad": cars.heading_rad,
+        "speed_mps": cars.speed_mps,
+        "steer_rad": cars.steer_rad,
+        "a_mps2": controls.a_mps2,
+        "omega_radps": controls.omega_radps,
+        "steer_command_rad": controls.steer_rad,
+        "torque_n_m": controls.torque_n_m,
+        "torque_clipped_n_m": controls.torque_clipped_n_m,
+        "steer_clipped_rad": controls.steer_clipped_rad,
+    }

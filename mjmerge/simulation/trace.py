@@ -1,0 +1,359 @@
+"""The result of a simulation: columns, float64, (simulation, tick, ...).
+
+Every column is declared once, here, with its unit, its meaning and the names of its last axis; the loop
+fills it, the recorders write it, and the documentation lists it from this declaration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Protocol, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmerge.config.document import described
+from mjmerge.errors import MjmergeError
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.state import Mask
+from mjmerge.vehicle.datasheet import DataSheet
+
+Array = NDArray[np.float64]
+BLOCK_S = 0.5
+"""Simulated time that reaches the recorders at once: what a crash can lose, at most, s."""
+GLIMPSE_S = 0.1
+"""The same for whoever watches a run live, s."""
+
+XY = ("x", "y")
+NEIGHBOURS = CARS[1:]
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+PAIR_NAMES = ("ego_vehicle_1", "ego_vehicle_2", "vehicle_1_vehicle_2")
+
+
+class Meaning:
+    """Declares an attribute of :class:`Trace` as a column: its symbol, what it is, names along its axes."""
+
+    told = False
+
+    def __init__(self, symbol: str, doc: str, *axes: tuple[str, ...]) -> None:
+        self.symbol, self.doc, self.axes = symbol, doc, axes
+
+
+class Told(Meaning):
+    """The same of a column that repeats the truth of another where the ego is told the truth."""
+
+    told = True
+
+
+@dataclass(frozen=True)
+class Column:
+    """How one column is declared.
+
+    Attributes:
+        name: attribute of :class:`Trace`, with the unit at its end.
+        axes: names along each axis after (simulation, tick); ``()`` for a scalar.
+        symbol: the paper's letter, or a short word.
+        doc: what it is.
+        told: whether it is what the ego is told, and repeats others where that is the truth.
+    """
+
+    name: str
+    axes: tuple[tuple[str, ...], ...]
+    symbol: str
+    doc: str
+    told: bool
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape after (simulation, tick)."""
+        return tuple(len(a) for a in self.axes)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Why one simulation ended before its time.
+
+    Attributes:
+        run: which simulation.
+        time_s: when.
+        car: which car.
+        reason: what happened, in words.
+        touched: whether it ended because d_j reached 0, as far as can be told.
+        crossing: whether it then closed in undiminished, so that it was to go through 0.
+    """
+
+    run: int
+    time_s: float
+    car: str
+    reason: str
+    touched: bool = False
+    crossing: bool = False
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What happened, N simulations times T ticks. After a simulation stopped, its rows are NaN.
+
+    Commands of a tick hold from its time to the next tick's.
+    """
+
+    scenario: Scenario
+    plant: str
+    seeds: NDArray[np.int64]
+    """Seed of each simulation, (N,): run i alone, with this seed, gives the same bits."""
+    sheets: tuple[DataSheet, ...]
+    """What is believed of each car, (C,): its data sheet at its size, with the scenario's ``belief``."""
+    mismatch: tuple[Mismatch, ...]
+    """How the truth of each simulation differs from what its law was told, N of them."""
+    stops: tuple[Stop, ...]
+    """Simulations that ended early."""
+    continuous: bool
+    """Whether law and plant were one differential equation; otherwise the command is held over a tick."""
+    time_s: Array
+    """Simulated time, s, (T,)."""
+
+    opinion: Annotated[Array, Meaning("z", "opinion")]
+    mu: Annotated[Array, Meaning("mu", "bifurcation parameter")]
+    mu_input_per_s: Annotated[Array, Meaning("mu input", "what drives mu, k_s tanh(...)")]
+    weight: Annotated[Array, Meaning("w", "weight of the merge in the target, tanh(k_w z)")]
+    distance_m: Annotated[Array, Meaning("d_j", "distance of the front axles less r", NEIGHBOURS)]
+    distance_rate_mps: Annotated[Array, Meaning("d_j'", "rate of that distance", NEIGHBOURS)]
+    sensed_distance_m: Annotated[Array, Meaning("d_j seen", "the same as the ego is told", NEIGHBOURS)]
+    sensed_distance_rate_mps: Annotated[
+        Array, Meaning("d_j' seen", "its rate as the ego is told", NEIGHBOURS)
+    ]
+    sensed_front_m: Annotated[Array, Told("p seen", "front-axle centres as the ego is told them", CARS, XY)]
+    sensed_velocity_mps: Annotated[Array, Told("v seen", "likewise their velocities", CARS, XY)]
+    sensed_heading_rad: Annotated[Array, Told("theta seen", "likewise its own heading")]
+    sensed_speed_mps: Annotated[Array, Told("v_r seen", "likewise its own rear-axle speed")]
+    sensed_steer_rad: Annotated[Array, Told("delta seen", "likewise its own steering angle")]
+    sensed_leader_mps2: Annotated[Array, Told("u_1 seen", "likewise what Vehicle 1 says that it intends", XY)]
+    gap_m: Annotated[Array, Meaning("dbar", "gap between the neighbours, |p_2 - p_1| - r")]
+    gap_rate_mps: Annotated[Array, Meaning("dbar'", "rate of that gap")]
+    clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIR_NAMES)]
+    contact_impulse_n_s: Annotated[
+        Array,
+        Meaning("impulse", "of the contact between the bodies, over the tick that ends here", PAIR_NAMES),
+    ]
+    contact_speed_mps: Annotated[
+        Array, Meaning("impact", "how fast they moved against each other as that tick began", PAIR_NAMES)
+    ]
+    target_m: Annotated[Array, Meaning("p_1 + e_1*", "where the nominal law wants the ego", XY)]
+    u_n_mps2: Annotated[Array, Meaning("u_n", "nominal tracking command of the ego", XY)]
+    u_c_mps2: Annotated[Array, Meaning("u_c", "barrier command of the ego", XY)]
+    u_mps2: Annotated[Array, Meaning("u", "front-axle acceleration command", CARS, XY)]
+    front_m: Annotated[Array, Meaning("p", "front-axle centre", CARS, XY)]
+    velocity_mps: Annotated[Array, Meaning("v", "velocity of the front-axle centre", CARS, XY)]
+    heading_rad: Annotated[Array, Meaning("theta", "heading, from the road's direction to the left", CARS)]
+    speed_mps: Annotated[Array, Meaning("v_r", "rear-axle speed", CARS)]
+    steer_rad: Annotated[Array, Meaning("delta", "steering angle of the equivalent bicycle", CARS)]
+    a_mps2: Annotated[Array, Meaning("a", "rear-axle acceleration command, before limits", CARS)]
+    omega_radps: Annotated[Array, Meaning("omega", "steering rate command, before limits", CARS)]
+    steer_command_rad: Annotated[Array, Meaning("delta_cmd", "steering angle command, within limits", CARS)]
+    torque_n_m: Annotated[Array, Meaning("tau", "wheel torque command, within limits", CARS, WHEELS)]
+    torque_clipped_n_m: Annotated[Array, Meaning("tau clipped", "torque asked for and not given", CARS)]
+    steer_clipped_rad: Annotated[Array, Meaning("delta clipped", "steering asked for and not given", CARS)]
+
+    @property
+    def runs(self) -> int:
+        """Number of simulations N."""
+        return len(self.seeds)
+
+    @property
+    def min_distance_m(self) -> Array:
+        """Smallest d_1 and d_2 of each simulation, m, (N, 2); NaN rows where a run has no data at all."""
+        return _least(self.distance_m)
+
+    @property
+    def touching(self) -> Mask:
+        """Whether two bodies touch at a tick or did since the last, (N, T, 3); never where there are none."""
+        return (self.clearance_m <= 0) | (self.contact_impulse_n_s > 0)
+
+    @property
+    def min_clearance_m(self) -> Array:
+        """Smallest distance between bodies, pair by pair, m, (N, 3); NaN where there are no bodies."""
+        return _least(self.clearance_m)
+
+
+def check_trace(given: object) -> None:
+    """Refuses what is no trace.
+
+    Raises:
+        MjmergeError: with what to pass.
+    """
+    if not isinstance(given, Trace):
+        raise MjmergeError(
+            f"expected a trace, got {described(given)}; pass what mjmerge.simulate(scenario) returned"
+        )
+
+
+COLUMNS: tuple[Column, ...] = tuple(
+    Column(name, meaning.axes, meaning.symbol, meaning.doc, meaning.told)
+    for name, hint in get_type_hints(Trace, include_extras=True).items()
+    for meaning in getattr(hint, "__metadata__", ())
+    if isinstance(meaning, Meaning)
+)
+"""Every column of a trace, in the order of its declaration."""
+
+
+def the_truth(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """The columns of what the ego is told where that is the truth: views of others.
+
+    Args:
+        columns: the others by name, (..., shape of the column).
+    """
+    return {
+        "sensed_front_m": columns["front_m"],
+        "sensed_velocity_mps": columns["velocity_mps"],
+        "sensed_heading_rad": columns["heading_rad"][..., 0],
+        "sensed_speed_mps": columns["speed_mps"][..., 0],
+        "sensed_steer_rad": columns["steer_rad"][..., 0],
+        "sensed_leader_mps2": columns["u_mps2"][..., 1, :],
+    }
+
+
+def _least(values: Array) -> Array:
+    """Minimum over the tick axis that ignores NaN, and is NaN where there is nothing else."""
+    least: Array = np.where(np.isnan(values), np.inf, values).min(axis=1)
+    return np.where(np.isinf(least), np.nan, least)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some consecutive ticks of one simulation, as recorders get them.
+
+    Attributes:
+        ticks: index of each tick in the run, (B,).
+        time_s: simulated time, s, (B,).
+        columns: each column of ``COLUMNS`` by name, (B, ...); views, not to be written to.
+        qpos: generalised positions of the composed world, (B, nq).
+    """
+
+    ticks: NDArray[np.int64]
+    time_s: Array
+    columns: Mapping[str, Array]
+    qpos: Array
+
+
+class Sink(Protocol):
+    """Where the blocks of a running simulation go."""
+
+    def write(self, block: Block) -> None:
+        """Takes the next ticks of simulation 0."""
+
+
+class _Feed:
+    """Hands simulation 0 to a sink, some ticks at a time."""
+
+    def __init__(self, sink: Sink, ticks: int) -> None:
+        self._sink, self._ticks = sink, ticks
+        self._qpos: list[Array] = []
+
+    def add(self, qpos: Array) -> bool:
+        """Takes the next tick's positions; says whether it is time to flush."""
+        self._qpos.append(qpos)
+        return len(self._qpos) >= self._ticks
+
+    def flush(self, time_s: Array, columns: Mapping[str, Array], end: int) -> None:
+        """Hands over what the sink has not had yet, up to tick ``end``."""
+        if not self._qpos:
+            return
+        part = slice(end - len(self._qpos), end)
+        qpos = np.stack(self._qpos)
+        self._qpos.clear()
+        self._sink.write(
+            Block(
+                ticks=np.arange(part.start, part.stop),
+                time_s=time_s[part],
+                columns={name: values[0, part] for name, values in columns.items()},
+                qpos=qpos,
+            )
+        )
+
+
+class Log:
+    """The trace while it is being written; hands simulation 0 to its sinks, block by block."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: str,
+        seeds: NDArray[np.int64],
+        sheets: tuple[DataSheet, ...],
+        mismatch: tuple[Mismatch, ...],
+        sink: Sink | None = None,
+        live: Sink | None = None,
+        *,
+        continuous: bool = False,
+        told_truth: bool = False,
+    ) -> None:
+        self._scenario, self._plant, self._seeds = scenario, plant, seeds
+        self._sheets, self._mismatch, self._continuous = sheets, mismatch, continuous
+        self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
+        self.columns = {
+            c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan)
+            for c in COLUMNS
+            if not (c.told and told_truth)
+        }
+        if told_truth:  # nothing is kept twice
+            self.columns |= the_truth(self.columns)
+        self._stops: list[Stop] = []
+        sinks = ((sink, BLOCK_S), (live, GLIMPSE_S))
+        self._feeds = [
+            _Feed(to, block_ticks(scenario.control_step_s, s)) for to, s in sinks if to is not None
+        ]
+        self._ticks = 0
+
+    def write(self, row: Mapping[str, Array], running: Mask, qpos: Callable[[], Array]) -> None:
+        """One tick of all simulations; those not running stay NaN.
+
+        Args:
+            row: value of every column, (N, ...).
+            running: which simulations still run, (N,).
+            qpos: gives the generalised positions of simulation 0 now, (nq,), if they are needed.
+        """
+        k, everyone = self._ticks, running.all()
+        for name, value in row.items():
+            if everyone:
+                self.columns[name][:, k] = value
+            else:
+                self.columns[name][running, k] = value[running]
+        self._ticks = k + 1
+        if self._feeds and running[0]:
+            now = qpos().copy()
+            for feed in self._feeds:
+                if feed.add(now):
+                    feed.flush(self.time_s, self.columns, self._ticks)
+
+    def flush(self) -> None:
+        """Hands the sinks what they have not had yet."""
+        for feed in self._feeds:
+            feed.flush(self.time_s, self.columns, self._ticks)
+
+    def stop(self, stop: Stop) -> None:
+        """A simulation ends here, before its time."""
+        if stop.run == 0:
+            self.flush()
+        self._stops.append(stop)
+
+    def finish(self) -> Trace:
+        """The trace, complete."""
+        self.flush()
+        return Trace(
+            scenario=self._scenario,
+            plant=self._plant,
+            seeds=self._seeds,
+            sheets=self._sheets,
+            mismatch=self._mismatch,
+            stops=tuple(self._stops),
+            continuous=self._continuous,
+            time_s=self.time_s,
+            **self.columns,
+        )
+
+
+def block_ticks(control_step_s: float, block_s: float = BLOCK_S) -> int:
+    """Ticks in a block: as many as span no more than its time, at least one."""
+    return max(1, int(block_s / control_step_s + 1e-9))

@@ -1,0 +1,1 @@
+"""What `mjmerge new` starts from."""

@@ -1,0 +1,119 @@
+"""Figures of a sweep: the margins of named mismatches, and clouds of runs along each axis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from mjmerge.figures.runs import COLOURS, LINE, MU, sheet, words
+from mjmerge.sweep.campaign import GRID, RANDOM
+from mjmerge.sweep.plan import Plan
+from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, Rows, groups
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MOST_PANELS = 24
+_VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], "#7b3fa0", MU)
+_OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}
+
+
+def figures(plan: Plan, rows: Rows) -> Iterator[tuple[str, Figure]]:
+    """Every figure and its file."""
+    names = _file_names([row["scenario"] for row in rows])
+    for (scenario, plant), group in groups(rows, ("scenario", "plant")).items():
+        named = [row for row in group if row["mismatch"] not in (GRID, RANDOM)]
+        if len({row["mismatch"] for row in named}) > 1:
+            yield f"margins_{names[scenario]}_{plant}.png", _margins(f"{scenario} on {plant}", named)
+        rest = [row for row in group if row["mismatch"] in (GRID, RANDOM)]
+        axes = [axis for axis in plan.axes if _spread(axis, rest)]
+        if axes:
+            figure = _clouds(f"{scenario} on {plant}", rest, axes[:_MOST_PANELS])
+            yield f"axes_{names[scenario]}_{plant}.png", figure
+
+
+def _file_names(scenarios: Sequence[str]) -> dict[str, str]:
+    """What of a file's name stands for each scenario: paths without their slashes, all different."""
+    found: dict[str, str] = {}
+    for scenario in dict.fromkeys(scenarios):
+        name = scenario.strip("/").replace("/", "-")
+        while name in found.values():
+            name += "-"
+        found[scenario] = name
+    return found
+
+
+def _spread(axis: str, rows: Rows) -> bool:
+    values = {row[axis] for row in rows}
+    return len(values) > 1 and all(isinstance(value, float) for value in values)
+
+
+def _margins(title: str, rows: Rows) -> Figure:
+    """Least d_j of every named mismatch, a dot per law variant; crosses are failures."""
+    names = list(dict.fromkeys(row["mismatch"] for row in rows))
+    figure, (axes,) = sheet((1,), 1.4 + 0.17 * len(names))
+    for shown, ((variant,), of) in enumerate(groups(rows, ("variant",)).items()):
+        colour = _VARIANTS[shown % len(_VARIANTS)]
+        axes.scatter([], [], s=22, color=colour, label=variant)
+        for failed, marker in ((False, "o"), (True, "X")):
+            part = [r for r in of if (r["outcome"] == FAILED) == failed and r["min_distance_m"] is not None]
+            margins = [row["min_distance_m"] for row in part]
+            heights = [names.index(row["mismatch"]) + 0.15 * (-1) ** shown for row in part]
+            axes.scatter(margins, heights, color=colour, marker=marker, s=22, zorder=3)
+    axes.scatter([], [], s=22, color="black", marker="X", label="failed")
+    _limits(axes, rows, axes.axvline)
+    axes.set_yticks(range(len(names)), names, fontsize=7)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.margins(x=0.03)
+    axes.set_xlabel("least $d_j$ (m)")
+    figure.suptitle(words(title))
+    figure.legend(loc="outside lower center", ncols=6, frameon=False)
+    return figure
+
+
+def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
+    """Least d_j over the value of each axis, a dot per run, coloured by how the run counts."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    across = min(3, len(axes_))
+    down = -(-len(axes_) // across)
+    figure = Figure(figsize=(3.2 * across + 0.6, 2.6 * down + 0.9), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(down, across, squeeze=False, sharey=True)
+    for panel, axis in zip(panels.flat, axes_, strict=False):
+        for outcome, colour in _OUTCOMES.items():
+            part = [r for r in rows if r["outcome"] == outcome and r["min_distance_m"] is not None]
+            panel.scatter(
+                [row[axis] for row in part],
+                [row["min_distance_m"] for row in part],
+                s=8,
+                alpha=0.6,
+                linewidth=0,
+                color=colour,
+            )
+        _limits(panel, rows, panel.axhline)
+        panel.set_xlabel(axis, fontsize=8)
+        panel.tick_params(labelsize=8)
+        panel.locator_params(axis="x", nbins=5)
+        panel.grid(alpha=0.25)
+    for row in panels:
+        row[0].set_ylabel("least $d_j$ (m)", fontsize=8)
+    for panel in list(panels.flat)[len(axes_) :]:
+        panel.set_visible(False)
+    figure.suptitle(words(title))
+    handles = [
+        figure.axes[0].scatter([], [], s=20, color=colour, label=outcome)
+        for outcome, colour in _OUTCOMES.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _limits(axes: Axes, rows: Rows, line: Callable[..., Any]) -> None:
+    """The margin, and the safety floor if there is one above it."""
+    del axes
+    line(0, color=LINE, linewidth=1)
+    for floor in {row["floor_m"] for row in rows} - {0.0}:
+        line(floor, color=LINE, linewidth=0.8, linestyle=":")

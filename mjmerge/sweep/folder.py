@@ -1,0 +1,163 @@
+"""The folder of a sweep: whose it is, and the rows of every shard that is finished, whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjmerge.config import shipped
+from mjmerge.errors import OutputError
+from mjmerge.outputs import cannot_write
+from mjmerge.record.manifest import versions
+from mjmerge.scenario.schema import CARS
+from mjmerge.sweep.plan import Batch, Plan
+from mjmerge.sweep.workers import Shard
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+PLAN, SHARDS, TABLE = "plan.json", "shards", "table.parquet"
+
+
+def identity(plan: Plan) -> dict[str, Any]:
+    """What the rows of a plan depend on: name of each part, and a digest of it."""
+    batches: dict[int, Batch] = {id(case.batch): case.batch for case in plan.cases}
+    order = {key: i for i, key in enumerate(batches)}
+    scenarios = [
+        [plan.labels[b.source], b.plant, b.continuous, b.scenario.model_dump_json()] for b in batches.values()
+    ]
+    models = {getattr(b.scenario.models, car) for b in batches.values() for car in CARS}
+    runs = [
+        [order[id(case.batch)], case.point, case.seed, *case.overrides, case.mismatch.model_dump(mode="json")]
+        for case in plan.cases
+    ]
+    return {
+        "campaign": _digest(json.dumps([plan.name, runs])),
+        "scenarios": _digest(json.dumps(scenarios)),
+        "car models": _digest(
+            *(
+                p.read_bytes()
+                for name in sorted(models)
+                for p in sorted(shipped.model_folder(name).glob("*.*"))
+            )
+        ),
+        "mjmerge's code": _digest(*(p.read_bytes() for p in code_files())),
+        "versions": versions(),
+    }
+
+
+def code_files() -> list[Path]:
+    """What a row may depend on of this package: all of it but the command line."""
+    package = Path(__file__).parents[1]
+    return [p for p in sorted(package.rglob("*.py")) if package / "cli" not in p.parents]
+
+
+def _digest(*parts: bytes | str) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        digest.update(len(data).to_bytes(8, "big") + data)
+    return digest.hexdigest()
+
+
+def claim(folder: Path, whose: dict[str, Any]) -> None:
+    """Makes the folder this plan's, or finds that it is.
+
+    Raises:
+        OutputError: it is no folder, cannot be written, or is something else's.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        plan = folder / PLAN
+        if plan.exists():
+            changed = _changed(plan.read_bytes(), whose)
+            if changed:
+                raise OutputError(
+                    f"{folder} holds a sweep begun with another {', another '.join(changed)}; rows of both "
+                    "would not compare: choose another --out, or remove that folder"
+                )
+        elif any(p.suffix != ".partial" for p in folder.iterdir()):
+            raise OutputError(f"{folder} is not empty, and holds no sweep: choose another --out")
+        (folder / SHARDS).mkdir(exist_ok=True)
+        if not plan.exists():
+            _replace(plan, (json.dumps(whose, indent=2) + "\n").encode())
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def _changed(text: bytes, now_is: dict[str, Any]) -> list[str]:
+    """What of a plan is not as it was, in words."""
+    try:
+        before = json.loads(text)
+        told = {**before.pop("versions"), **before}
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return ["file format"]
+    now = {**now_is["versions"], **{k: v for k, v in now_is.items() if k != "versions"}}
+    return [
+        f"version of {name} ({told.get(name, 'none')}, now {now.get(name, 'none')})"
+        if name in now_is["versions"] or name not in now_is
+        else {"campaign": "campaign", "scenarios": "scenario", "shards": "size of shards"}.get(name, name)
+        for name in {**told, **now}
+        if told.get(name) != now.get(name)
+    ]
+
+
+def place(folder: Path, shard: Shard) -> Path:
+    """File of a shard's rows."""
+    return folder / SHARDS / f"{shard.number:06d}.parquet"
+
+
+def read(folder: Path, shard: Shard, schema: pa.Schema, known: pa.Table) -> pa.Table | None:
+    """A finished shard's rows; ``None`` where there are none, or they are damaged or another plan's.
+
+    Args:
+        folder: of the sweep.
+        shard: which.
+        schema: what columns it must have.
+        known: what some of them must say.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = place(folder, shard)
+    if not path.exists():
+        return None
+    try:
+        if pq.read_metadata(path).num_rows != len(shard.at):
+            return None  # before anything is unpacked
+        found: pa.Table = pq.read_table(path, page_checksum_verification=True)
+        right = found.schema.equals(schema) and found.select(known.column_names).equals(known)
+        return found if right else None
+    except (pa.ArrowException, OSError, KeyError, ValueError):
+        return None
+
+
+def write(found: pa.Table, path: Path) -> None:
+    """A table as a file that is there whole or not at all."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    buffer = pa.BufferOutputStream()
+    pq.write_table(found, buffer, compression="zstd", write_page_checksum=True)
+    try:
+        _replace(path, buffer.getvalue().to_pybytes())
+    except OSError as error:
+        raise cannot_write(path, error) from error
+
+
+def _replace(path: Path, content: bytes) -> None:
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    try:
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,144 @@
+"""What a sweep keeps of a run: one row of numbers, after which its trace may go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from mjmerge.simulation.trace import Trace
+from mjmerge.state import Array
+from mjmerge.verdict.decision import decision
+from mjmerge.verdict.judge import VACUOUS, Verdict
+from mjmerge.verdict.metrics import (
+    clear_ticks_without_margin,
+    merged_at_s,
+    saturated,
+    touching_ticks_in_margin,
+)
+
+PASSED, EMPTY, FAILED = "passed", "vacuous", "failed"
+"""How a run counts: one without data, or that ended early, has failed; nothing tested a vacuous one."""
+
+NUMBERS = (
+    "min_distance_m",
+    "min_d_1_m",
+    "min_d_2_m",
+    "t_min_distance_s",
+    "min_clearance_m",
+    "without_barrier_m",
+    "contact_impulse_n_s",
+    "contact_speed_mps",
+    "first_contact_s",
+    "touching_in_margin_s",
+    "clear_without_margin_s",
+    "unsafe_at_s",
+    "broken_at_s",
+    "stopped_at_s",
+    "merged_at_s",
+    "saturated_s",
+    "wrong_sign_s",
+    "refusal_memory_s",
+    "abort_s",
+    "straddling_s",
+    "least_z",
+)
+"""Columns that are numbers, or null where there is none; contacts are those of the ego.
+
+For so long bodies touched though d_j > 0, or stayed clear though d_j <= 0, both neighbours together.
+"""
+TEXTS = ("outcome", "verdict", "first_broken", "stopped")
+"""Columns that are text; ``first_broken`` is the hypothesis that the verdict names: of an unsafe run, the
+first that was still broken, or broke, in the approach; of a safe one, the first of all."""
+FLAGS = ("floor_held", "needed", "underflow")
+"""Columns that are true or false, or null; ``needed`` is whether the run is safe because of the barrier."""
+
+Row = dict[str, float | str | bool | None]
+
+
+Rows = list[dict[str, Any]]
+"""Rows of a table, by column."""
+
+
+def rows(trace: Trace, verdicts: Sequence[Verdict]) -> list[Row]:
+    """One row for every simulation of a trace, with the columns ``NUMBERS``, ``TEXTS`` and ``FLAGS``."""
+    least = trace.min_distance_m.min(axis=1)  # NaN where either is unknown
+    d = np.where(np.isnan(trace.distance_m), np.inf, trace.distance_m).min(axis=2)
+    closest_s = trace.time_s[np.argmin(d, axis=1)]
+    clearance = trace.min_clearance_m[:, :2].min(axis=1)
+    merged = merged_at_s(trace)
+    busy_s = saturated(trace)[:, :, 0].sum(axis=1) * trace.scenario.control_step_s
+    impulse, speed, first = _contacts(trace)
+    step_s = trace.scenario.control_step_s
+    bodies = ~np.isnan(clearance)
+    touching_s = np.where(bodies, touching_ticks_in_margin(trace).sum(axis=1) * step_s, np.nan)
+    clear_s = np.where(bodies, clear_ticks_without_margin(trace).sum(axis=1) * step_s, np.nan)
+    stops = {stop.run: stop for stop in trace.stops}
+    found: list[Row] = []
+    for i, (verdict, decided) in enumerate(zip(verdicts, decision(trace), strict=True)):
+        broken = verdict.matters
+        stop = stops.get(i)
+        row: Row = {
+            "outcome": outcome(verdict),
+            "verdict": verdict.verdict,
+            "floor_held": verdict.floor_held,
+            "needed": verdict.needed,
+            "without_barrier_m": verdict.without_barrier_m,
+            "min_distance_m": _known(least[i]),
+            "min_d_1_m": _known(trace.min_distance_m[i, 0]),
+            "min_d_2_m": _known(trace.min_distance_m[i, 1]),
+            "t_min_distance_s": _known(closest_s[i] if np.isfinite(least[i]) else np.nan),
+            "min_clearance_m": _known(clearance[i]),
+            "contact_impulse_n_s": _known(impulse[i]),
+            "contact_speed_mps": _known(speed[i]),
+            "first_contact_s": _known(first[i]),
+            "touching_in_margin_s": _known(touching_s[i]),
+            "clear_without_margin_s": _known(clear_s[i]),
+            "unsafe_at_s": verdict.unsafe_at_s,
+            "first_broken": broken.hypothesis if broken else None,
+            "broken_at_s": broken.time_s if broken else None,
+            "stopped": f"{stop.car}: {stop.reason}" if stop else None,
+            "stopped_at_s": stop.time_s if stop else None,
+            "merged_at_s": _known(merged[i]),
+            "saturated_s": float(busy_s[i]),
+            **decided.as_dict(),
+        }
+        if not np.isfinite(decided.least_z):
+            row["least_z"] = None
+        found.append(row)
+    return found
+
+
+def outcome(verdict: Verdict) -> str:
+    """How a run counts, one of ``PASSED``, ``EMPTY`` and ``FAILED``."""
+    if not verdict.floor_held:
+        return FAILED
+    return EMPTY if verdict.verdict == VACUOUS else PASSED
+
+
+def _contacts(trace: Trace) -> tuple[Array, Array, Array]:
+    """Of the ego with either neighbour: impulse, N s; fastest approach, m/s; first time, s; each (N,)."""
+    impulse = trace.contact_impulse_n_s[:, :, :2]
+    known: Any = ~np.isnan(impulse).all(axis=(1, 2))
+    speed = np.nan_to_num(trace.contact_speed_mps[:, :, :2]).max(axis=(1, 2))
+    touching = np.any(trace.touching[:, :, :2], axis=2)
+    first = np.where(touching.any(axis=1), trace.time_s[np.argmax(touching, axis=1)], np.nan)
+    return (
+        np.where(known, np.nansum(impulse, axis=(1, 2)), np.nan),
+        np.where(touching.any(axis=1), speed, np.nan),
+        first,
+    )
+
+
+def _known(value: float) -> float | None:
+    """A number, or ``None`` for NaN: in a table, what is not known is missing."""
+    return None if np.isnan(value) else float(value)
+
+
+def groups(rows: Rows, keys: Sequence[str] = ("scenario", "plant", "variant")) -> dict[tuple[Any, ...], Rows]:
+    """Rows by the values of some columns, in the order they come up."""
+    found: dict[tuple[Any, ...], Rows] = {}
+    for row in rows:
+        found.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return found

@@ -1,0 +1,1 @@
+"""What a car believes of itself: data sheet, bicycle, actuation, delays."""

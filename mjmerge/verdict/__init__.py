@@ -1,0 +1,1 @@
+"""What a trace is worth: hypotheses, verdict, metrics, phases, summary."""

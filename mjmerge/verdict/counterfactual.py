@@ -1,0 +1,63 @@
+"""What the barrier is worth in a run: the same scenario on the ideal plant, without it and with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mjmerge.scenario.effect import acting
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import Scenario
+from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.trace import Trace
+from mjmerge.state import Array
+
+IDEAL = "double_integrator"
+"""The plant of the paper's proof."""
+
+_TOGETHER = 256  # simulations at a time: what they leave behind is large, and only its least is kept
+
+
+def unguarded(scenario: Scenario) -> Scenario:
+    """The scenario with its law's safety part taken out (k_o = 0), and nothing different in truth."""
+    law = scenario.law.model_copy(update={"k_o": 0.0})
+    return scenario.settled().model_copy(update={"law": law, "mismatch": Mismatch()})
+
+
+def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
+    """How close simulations come on the ideal plant without the barrier: least d_1 and d_2, m, (M, 2)."""
+    return _ideal_m(unguarded(trace.scenario), trace, runs)
+
+
+def with_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
+    """How close they come there with it: the same of the scenario as it is."""
+    scenario = trace.scenario.settled().model_copy(update={"mismatch": Mismatch()})
+    return _ideal_m(scenario, trace, runs)
+
+
+def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int]) -> Array:
+    """Least d_1 and d_2 of a scenario on the ideal plant, m, (M, 2).
+
+    With the same neighbours, seeds, measurements and dead time, as far as the ideal plant has them;
+    simulations that differ in nothing of that share one run. NaN where that run has no data.
+
+    Args:
+        scenario: what to run, with nothing different in truth.
+        trace: what happened, and the cases that it happened in.
+        runs: which of its simulations, M of them.
+    """
+    cases: dict[tuple[int, Mismatch], int] = {}
+    which = [cases.setdefault(_case(trace, run), len(cases)) for run in runs]
+    least = np.full((len(cases), trace.distance_m.shape[2]), np.nan)
+    distinct = list(cases)
+    for first in range(0, len(distinct), _TOGETHER):
+        part = slice(first, first + _TOGETHER)
+        least[part] = simulate(scenario, IDEAL, cases=distinct[part]).min_distance_m
+    return least[which]
+
+
+def _case(trace: Trace, run: int) -> tuple[int, Mismatch]:
+    """Its seed, and what of its mismatch the ideal plant has; continuous time knows none."""
+    there = trace.scenario.model_copy(update={"mismatch": trace.mismatch[run]})
+    return int(trace.seeds[run]), acting(there, IDEAL, continuous=trace.continuous).mismatch

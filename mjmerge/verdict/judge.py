@@ -1,0 +1,337 @@
+"""The verdict on a run: what it says about the guarantee.
+
+The theorem says: from any safe state on, if its hypotheses hold, d_1 and d_2 stay positive. So a run is
+
+- ``held``: safe, and because of the barrier: without it the ideal plant comes to d_j <= 0, or within r and
+  closer by more than a tenth of r (and a run that itself stays further than r away is not one that something
+  else, such as the wind, kept away: with the barrier the ideal stays as far);
+- ``vacuous``: safe, but nothing put the barrier to the test;
+- ``incomplete``: the simulation ended early, or data are missing. Never a pass;
+- ``unresolved``: in continuous time, some d_j fell below what the solver can tell from 0. Never a pass;
+- ``assumption broken``: unsafe, and a hypothesis was broken in the approach;
+- ``refuted``: unsafe with every hypothesis true in the approach: the theorem, or our code, is wrong.
+
+Unsafe means d_j <= 0, or bodies that touch the ego's. The approach is the stretch from the last time that the
+pair in question was comfortably apart (d_j >= r/2) to the moment it is unsafe: from that state the theorem
+starts anew, so what broke and was over before excuses nothing. Every time that a run becomes unsafe counts.
+
+The safety floor of the scenario is a separate, stricter question: it decides the exit code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjmerge.simulation.trace import Stop, Trace, check_trace
+from mjmerge.state import Array, Mask
+from mjmerge.verdict.counterfactual import with_barrier_m, without_barrier_m
+from mjmerge.verdict.hypotheses import OBEYS_WINDOW_S, SEEN, Hypothesis, asked
+from mjmerge.verdict.metrics import Collision, Event, collisions
+
+HELD, VACUOUS, INCOMPLETE, UNRESOLVED, BROKEN, REFUTED = (
+    "held", "vacuous", "incomplete", "unresolved", "assumption broken", "refuted",
+)  # fmt: skip
+VERDICTS = (HELD, VACUOUS, INCOMPLETE, UNRESOLVED, BROKEN, REFUTED)
+"""From the best to the worst."""
+
+NEEDED = 0.1
+"""The barrier was needed if without it the ideal comes within r, and closer by more than this part of r."""
+COMFORTABLE = 0.5
+"""A pair is comfortably apart from this part of r on: an approach begins after that."""
+
+
+@dataclass(frozen=True)
+class Breach:
+    """A hypothesis that stopped being true.
+
+    Attributes:
+        hypothesis: its name.
+        time_s: when it broke, s.
+    """
+
+    hypothesis: str
+    time_s: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one simulation says about the guarantee.
+
+    Attributes:
+        run: which simulation.
+        verdict: one of ``VERDICTS``.
+        reason: its grounds in words.
+        unsafe_at_s: when d_j <= 0 or bodies touched first, s; ``None`` if never. Where several moments are
+            unsafe, the one that the verdict is about.
+        matters: the breach that the verdict names: of an unsafe run, the first that was still broken, or
+            broke, in the approach; of a safe one, the first of all. ``None`` if there is none.
+        breaches: hypotheses that broke, when each did first, in order of time.
+        collisions: bodies that touched, whoever they are, in order of time.
+        needed: whether the run is safe because of the barrier; ``None`` where it is not safe, or not over.
+        without_barrier_m: least d_j of the ideal without the barrier, m; ``None`` where it was not asked for.
+        floor_held: whether it also kept the scenario's safety floor, to the end.
+    """
+
+    run: int
+    verdict: str
+    reason: str
+    unsafe_at_s: float | None
+    matters: Breach | None
+    breaches: tuple[Breach, ...]
+    collisions: tuple[Collision, ...]
+    needed: bool | None
+    without_barrier_m: float | None
+    floor_held: bool
+
+    def events(self) -> list[Event]:
+        """The breaches as events of the run."""
+        return [
+            Event(b.time_s, "warning", "ego", f"hypothesis '{b.hypothesis}' no longer holds")
+            for b in self.breaches
+        ]
+
+
+def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
+    """The verdict on every simulation of a trace.
+
+    Args:
+        trace: what happened.
+        without: least d_1 and d_2 of each simulation on the ideal plant without the barrier, m, (N, 2). By
+            default they are simulated, of those that are safe.
+
+    Raises:
+        MjmergeError: it is no trace.
+    """
+    check_trace(trace)
+    evidence = _Evidence.of(trace)
+    safe = [run for run in range(trace.runs) if evidence.is_safe(run)]
+    least = np.full((trace.runs, 2), np.nan)
+    if without is not None:
+        least[safe] = without[safe]
+    elif trace.scenario.law.k_o > 0 and safe:
+        least[safe] = without_barrier_m(trace, safe)
+    ideal = np.full(trace.runs, np.nan)
+    far = [run for run in safe if _needed(evidence, run, least[run]) and evidence.kept_m(run) >= evidence.r_m]
+    if far:
+        ideal[far] = with_barrier_m(trace, far).min(axis=1)
+    floor = trace.scenario.expect.min_distance_m.at_least
+    above: Mask = np.all(trace.distance_m >= floor, axis=(1, 2))  # false for NaN: missing data is no pass
+    found = []
+    for run in range(trace.runs):
+        breaches = evidence.breaches(run)
+        if run in safe:
+            ruling = _ruling_of_safe(evidence, run, least[run], float(ideal[run]), breaches)
+        else:
+            ruling = _ruling_of_other(evidence, run)
+        touched = tuple(collisions(trace, run))
+        found.append(
+            Verdict(
+                run=run,
+                verdict=ruling.verdict,
+                reason="; ".join([*(collision.sentence for collision in touched), ruling.reason]),
+                unsafe_at_s=ruling.unsafe_at_s,
+                matters=ruling.matters,
+                breaches=breaches,
+                collisions=touched,
+                needed=ruling.needed,
+                without_barrier_m=None if np.isnan(least[run]).any() else float(least[run].min()),
+                floor_held=bool(above[run]) and ruling.unsafe_at_s is None and run not in evidence.stops,
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class _Ruling:
+    """A verdict and its grounds; the fields are those of :class:`Verdict`."""
+
+    verdict: str
+    reason: str
+    unsafe_at_s: float | None = None
+    matters: Breach | None = None
+    needed: bool | None = None
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """What the monitors say of a trace.
+
+    Attributes:
+        trace: the trace.
+        hypotheses: those that are asked of it, by name.
+        marks: the ticks at which each is broken, (N, T).
+        unsafe: the ticks at which each pair is, (N, T, 2).
+        stops: why simulations ended early, by simulation.
+    """
+
+    trace: Trace
+    hypotheses: dict[str, Hypothesis]
+    marks: dict[str, Mask]
+    unsafe: Mask
+    stops: dict[int, Stop]
+
+    @classmethod
+    def of(cls, trace: Trace) -> _Evidence:
+        hypotheses = asked(trace)
+        marks = {name: one.marks(trace) for name, one in hypotheses.items()}
+        unsafe = (trace.distance_m <= 0) | trace.touching[:, :, :2]
+        return cls(trace, hypotheses, marks, unsafe, {stop.run: stop for stop in trace.stops})
+
+    def is_safe(self, run: int) -> bool:
+        """Whether it is so to the end, and known to be."""
+        known = not np.isnan(self.trace.distance_m[run]).any()
+        return known and run not in self.stops and not self.unsafe[run].any()
+
+    @property
+    def r_m(self) -> float:
+        """The margin r, m."""
+        return self.trace.scenario.law.r_m
+
+    def kept_m(self, run: int) -> float:
+        """The least d_j of a simulation, m."""
+        return float(self.trace.distance_m[run].min())
+
+    def breaches(self, run: int) -> tuple[Breach, ...]:
+        """What broke, when it did first, in order of time."""
+        time_s = self.trace.time_s
+        first = {name: int(np.argmax(m[run])) for name, m in self.marks.items() if m[run].any()}
+        found = [Breach(name, float(time_s[tick])) for name, tick in first.items()]
+        return tuple(sorted(found, key=lambda breach: breach.time_s))
+
+    def broken_in(self, run: int, start: int, end: int) -> Breach | None:
+        """Of what was still broken, or broke, between two ticks, both included: what broke first."""
+        found = []
+        for name, mask in self.marks.items():
+            within = np.flatnonzero(mask[run, start : end + 1])
+            if within.size:
+                before = np.flatnonzero(~mask[run, : start + within[0]])  # since when it has been broken
+                since = int(before[-1]) + 1 if before.size else 0
+                found.append(Breach(name, float(self.trace.time_s[since])))
+        return min(found, key=lambda breach: breach.time_s, default=None)
+
+    def unknown_in(self, run: int, start: int, end: int) -> list[str]:
+        """Hypotheses that cannot be evaluated between two ticks, both included: numbers are missing."""
+        part = slice(start, end + 1)
+        return [
+            name
+            for name, one in self.hypotheses.items()
+            if any(np.isnan(getattr(self.trace, column)[run, part]).any() for column in one.reads)
+        ]
+
+    def approach(self, run: int, tick: int, pairs: Mask) -> int:
+        """The tick from which pairs, (2,), came to be unsafe at a tick: when both were last comfortable."""
+        near = self.trace.distance_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.law.r_m
+        apart = [np.flatnonzero(~row) for row in near]
+        return min(int(ticks[-1]) if ticks.size else 0 for ticks in apart)
+
+
+def _needed(e: _Evidence, run: int, without_m: Array) -> bool:
+    """Whether the ideal without the barrier comes to d_j <= 0, or within r and closer than the run."""
+    least = float(without_m.min())
+    return least <= 0 or least < min(e.kept_m(run) - NEEDED * e.r_m, e.r_m)
+
+
+def _ruling_of_safe(
+    e: _Evidence, run: int, without_m: Array, ideal_m: float, breaches: tuple[Breach, ...]
+) -> _Ruling:
+    trace, first = e.trace, breaches[0] if breaches else None
+    if trace.scenario.law.k_o <= 0:
+        return _Ruling(VACUOUS, "safe, but the barrier is off", matters=first, needed=False)
+    if np.isnan(without_m).any():
+        why = "safe, but how it would end without the barrier is not known"
+        return _Ruling(VACUOUS, why, matters=first)
+    j = int(np.argmin(without_m))
+    alone = f"without the barrier the ideal comes to d_{j + 1} = {without_m[j]:.3f} m"
+    if not _needed(e, run, without_m):
+        why = f"safe, but not because of the barrier: {alone}"
+        return _Ruling(VACUOUS, why, matters=first, needed=False)
+    if ideal_m < e.kept_m(run) - NEEDED * e.r_m:
+        why = (
+            f"safe, but something else kept it away: with the barrier the ideal comes to d = {ideal_m:.3f} m"
+        )
+        return _Ruling(VACUOUS, why, matters=first, needed=False)
+    if not _dissipates(trace, run):
+        return _Ruling(VACUOUS, "safe, but the barrier did not slow it down", matters=first, needed=False)
+    wrong = _told_wrong(trace, run)
+    if wrong is not None:
+        j, off_m = wrong
+        size = f"{abs(off_m):.3f} m too {'large' if off_m > 0 else 'small'}"
+        why = f"safe, but another distance was guarded: the ego was told {size} a d_{j + 1} where it is least"
+        return _Ruling(VACUOUS, why, matters=first, needed=True)
+    if first is not None:
+        why = f"safe beyond its hypotheses: '{first.hypothesis}' broke at {first.time_s:.2f} s; {alone}"
+        return _Ruling(HELD, why, matters=first, needed=True)
+    return _Ruling(HELD, f"safe, and the barrier was needed: {alone}", needed=True)
+
+
+def _dissipates(trace: Trace, run: int) -> bool:
+    """Whether the barrier took energy out of the motion towards and away from the neighbours, all in all."""
+    g = trace.front_m[run, :, :1] - trace.front_m[run, :, 1:]
+    g /= np.linalg.norm(g, axis=-1, keepdims=True)
+    push = np.sum(trace.u_c_mps2[run][:, None] * g, axis=-1)
+    work = np.nansum(push * trace.distance_rate_mps[run])
+    return bool(work < 0)
+
+
+def _told_wrong(trace: Trace, run: int) -> tuple[int, float] | None:
+    """A neighbour whose distance is told wrong, to one side, all the while it is least; and by how much, m.
+
+    Noise errs to both sides, and what is late is right where a distance no longer changes.
+    """
+    off = trace.sensed_distance_m[run] - trace.distance_m[run]
+    half = max(1, round(OBEYS_WINDOW_S / trace.scenario.control_step_s))
+    for j, tick in enumerate(np.argmin(trace.distance_m[run], axis=0).tolist()):
+        there = off[max(tick - half, 0) : tick + half + 1, j]
+        bound = SEEN * trace.scenario.law.r_m
+        if np.all(there > bound) or np.all(there < -bound):
+            return j, float(np.mean(there))
+    return None
+
+
+def _ruling_of_other(e: _Evidence, run: int) -> _Ruling:
+    """Of a simulation that became unsafe, ended early, or has holes."""
+    stop = e.stops.get(run)
+    rulings = list(_rulings_of_moments(e, run))
+    if stop is not None and stop.touched:
+        rulings.append(_ruling_of_touch(e, run, stop))
+    if rulings:
+        return max(rulings, key=lambda ruling: VERDICTS.index(ruling.verdict))  # the first of the worst
+    why = "the simulation ended early" if stop is not None else "distances are missing"
+    return _Ruling(INCOMPLETE, why)
+
+
+def _rulings_of_moments(e: _Evidence, run: int) -> Iterator[_Ruling]:
+    """Of each moment at which the simulation becomes unsafe."""
+    trace = e.trace
+    any_pair = np.any(e.unsafe[run], axis=1)
+    for tick in np.flatnonzero(np.diff(any_pair, prepend=False) & any_pair).tolist():
+        at_s = float(trace.time_s[tick])
+        start = e.approach(run, tick, e.unsafe[run, tick])
+        where = f"unsafe at {at_s:.2f} s"
+        breach = e.broken_in(run, start, tick)
+        unknown = e.unknown_in(run, start, tick)
+        if breach is not None:
+            why = f"{where}, after '{breach.hypothesis}' broke at {breach.time_s:.2f} s"
+            yield _Ruling(BROKEN, why, at_s, breach)
+        elif unknown:
+            yield _Ruling(INCOMPLETE, f"{where}; whether '{unknown[0]}' held is not known", at_s)
+        else:
+            yield _Ruling(REFUTED, f"{where} with every hypothesis true", at_s)
+
+
+def _ruling_of_touch(e: _Evidence, run: int, stop: Stop) -> _Ruling:
+    """Of a simulation in continuous time that ended where d_j was no more than the solver can tell from 0."""
+    known = np.flatnonzero(~np.isnan(e.trace.distance_m[run]).any(axis=1))
+    last = int(known[-1]) if known.size else 0
+    d = e.trace.distance_m[run, last]
+    start = e.approach(run, last, d == d.min())
+    breach = e.broken_in(run, start, last)
+    if breach is not None:
+        why = f"{stop.reason}, after '{breach.hypothesis}' broke at {breach.time_s:.2f} s"
+        return _Ruling(BROKEN, why, stop.time_s, breach)
+    if stop.crossing:
+        return _Ruling(REFUTED, f"{stop.reason}, with every hypothesis true", stop.time_s)
+    return _Ruling(UNRESOLVED, f"{stop.reason}: the theorem keeps it above 0, but by no number")

@@ -1,0 +1,216 @@
+"""Numbers read off a trace: when the ego merged, and what happened when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmerge.config.bounds import whole
+from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.trace import Trace, check_trace
+from mjmerge.state import PAIRS, Array, Mask
+
+MERGED_M = 0.1
+"""Lateral error below which, and for good, the merge counts as done, m."""
+MERGED_RAD, MERGED_RADPS = 0.05, 0.1
+"""The same of the heading off the road, rad (3 degrees), and of how fast it changes, rad/s."""
+TURNED_RAD = 0.5
+"""A car whose heading is further off the road than this, rad, drives across it: 29 degrees."""
+INTENT = 0.5
+"""Weight w above which the ego intends to merge (z itself never exceeds 1/k_mu)."""
+
+_YAW_S = 0.1  # a yaw rate is the mean over this
+_JOIN_S = 0.3  # a stretch of contact or saturation with shorter breaks is one event
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened in one simulation.
+
+    Attributes:
+        time_s: when, s.
+        level: how bad.
+        car: which car, as in ``CARS``.
+        text: what, in words and numbers.
+    """
+
+    time_s: float
+    level: Literal["info", "warning", "error"]
+    car: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Collision:
+    """Two bodies that touched, for the first time.
+
+    Attributes:
+        a: one car, as in ``CARS``.
+        b: the other.
+        time_s: when, s.
+        speed_mps: how fast they moved against each other, m/s; ``None`` where that is not known.
+    """
+
+    a: str
+    b: str
+    time_s: float
+    speed_mps: float | None
+
+    @property
+    def sentence(self) -> str:
+        """As the beginning of a reason."""
+        fast = "" if self.speed_mps is None else f" at {self.speed_mps:.2f} m/s"
+        who = f"the ego hits {self.b}" if self.a == CARS[0] else f"{self.a} and {self.b} collide"
+        return f"{who} at {self.time_s:.2f} s{fast}"
+
+
+def collisions(trace: Trace, run: int = 0) -> list[Collision]:
+    """Which bodies touched in one simulation, whoever they are: the first time of each pair, in order."""
+    found = []
+    for i, (a, b) in enumerate(PAIRS):
+        touching = np.flatnonzero(trace.touching[run, :, i])
+        if touching.size:
+            first = touching[touching < touching[0] + max(1, round(_JOIN_S / trace.scenario.control_step_s))]
+            speeds = trace.contact_speed_mps[run, first, i]
+            known = speeds[speeds > 0]
+            speed = float(known[0]) if known.size else None
+            found.append(Collision(CARS[a], CARS[b], float(trace.time_s[touching[0]]), speed))
+    return sorted(found, key=lambda collision: collision.time_s)
+
+
+def lateral_error_m(trace: Trace) -> Array:
+    """How far the ego is across the road from Vehicle 1, signed, m, (N, T)."""
+    return trace.front_m[:, :, 0, 1] - trace.front_m[:, :, 1, 1]
+
+
+def turned_rad(trace: Trace) -> Array:
+    """The ego's heading where it is furthest off the road, signed, rad, (N,).
+
+    NaN on a plant of points, which have no heading, and where nothing is known.
+    """
+    if trace.plant == "double_integrator":
+        return np.full(trace.runs, np.nan)
+    heading = np.nan_to_num(trace.heading_rad[:, :, 0])
+    furthest = np.argmax(np.abs(heading), axis=1)
+    turned: Array = trace.heading_rad[np.arange(trace.runs), furthest, 0]
+    return turned
+
+
+def merged(trace: Trace) -> Mask:
+    """Whether the ego is in Vehicle 1's lane, along the road, and turns no more, (N, T); false for NaN.
+
+    A point has no heading: on ``double_integrator`` the lane alone counts.
+    """
+    there = np.abs(lateral_error_m(trace)) < MERGED_M
+    if trace.plant == "double_integrator":
+        return there
+    heading, window = trace.heading_rad[:, :, 0], max(1, round(_YAW_S / trace.scenario.control_step_s))
+    straight: Mask = there & (np.abs(heading) < MERGED_RAD)
+    turned = np.abs(heading[:, window:] - heading[:, :-window])
+    straight[:, window:] &= turned < MERGED_RADPS * window * trace.scenario.control_step_s
+    return straight
+
+
+def merged_at_s(trace: Trace) -> Array:
+    """Time from which the ego is :func:`merged` for good, s, (N,); NaN if never."""
+    out = ~merged(trace)  # true for NaN: a run that stopped has not merged
+    last_out = np.where(out.any(1), out.shape[1] - 1 - np.argmax(out[:, ::-1], axis=1), -1)
+    ends_so = last_out < out.shape[1] - 1
+    return np.where(ends_so, trace.time_s[np.minimum(last_out + 1, out.shape[1] - 1)], np.nan)
+
+
+def shared_ticks(a: Trace, b: Trace) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Ticks of one trace and of the other that are at the same times, each (T,)."""
+    ns_a, ns_b = (np.rint(trace.time_s * 1e9).astype(np.int64) for trace in (a, b))
+    in_a = np.flatnonzero(np.isin(ns_a, ns_b))
+    return in_a, np.searchsorted(ns_b, ns_a[in_a])
+
+
+def saturated(trace: Trace) -> Mask:
+    """Whether a car was asked for more than it could do, (N, T, C); false where the plant has no limits."""
+    return (np.abs(trace.torque_clipped_n_m) > 1e-9) | (np.abs(trace.steer_clipped_rad) > 1e-9)
+
+
+def touching_ticks_in_margin(trace: Trace) -> NDArray[np.int64]:
+    """Ticks in which the ego touches a neighbour although d_j > 0, (N, 2): too small a margin."""
+    found: NDArray[np.int64] = np.sum(trace.touching[..., :2] & (trace.distance_m > 0), axis=1)
+    return found
+
+
+def clear_ticks_without_margin(trace: Trace) -> NDArray[np.int64]:
+    """Ticks in which the ego is clear of a neighbour although d_j <= 0, (N, 2): more margin than need be."""
+    clear = ~trace.touching[..., :2] & ~np.isnan(trace.clearance_m[..., :2])
+    found: NDArray[np.int64] = np.sum(clear & (trace.distance_m <= 0), axis=1)
+    return found
+
+
+def events(trace: Trace, run: int = 0) -> list[Event]:
+    """What happened in one simulation, in order of time.
+
+    Raises:
+        MjmergeError: it is no trace, or there is no such simulation in it.
+    """
+    check_trace(trace)
+    whole("run", run, 0, trace.runs - 1)
+    found: list[Event] = []
+    time_s = trace.time_s
+
+    joined = round(_JOIN_S / trace.scenario.control_step_s)
+
+    def spans(mask: Mask) -> list[tuple[int, int]]:
+        """First tick of each stretch where the mask holds, and the first tick after it; short breaks join."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))).tolist()
+        found: list[tuple[int, int]] = []
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            if found and start - found[-1][1] < joined:
+                found[-1] = (found[-1][0], end)
+            else:
+                found.append((start, end))
+        return found
+
+    def add(tick: int, level: Literal["info", "warning", "error"], car: str, text: str) -> None:
+        found.append(Event(float(time_s[tick]), level, car, text))
+
+    def within(start: int, end: int) -> str:
+        return f", within {(end - start) * trace.scenario.control_step_s:.2f} s"
+
+    for start, end in spans(trace.weight[run] > INTENT):
+        add(start, "info", "ego", f"intends to merge (z = {trace.opinion[run, start]:.3f})")
+        if end < len(time_s) and not np.isnan(trace.weight[run, end]):
+            add(end, "info", "ego", f"gives up the merge (z = {trace.opinion[run, end]:.3f})")
+    merged_s = merged_at_s(trace)[run]
+    if not np.isnan(merged_s):
+        found.append(
+            Event(float(merged_s), "info", "ego", f"merged (lateral error < {MERGED_M} m from here on)")
+        )
+    if trace.plant != "double_integrator":
+        heading = trace.heading_rad[run, :, 0]
+        for start, end in spans(np.abs(heading) > TURNED_RAD):
+            furthest = np.degrees(heading[start + int(np.argmax(np.abs(heading[start:end])))])
+            text = f"drives across the road, up to {furthest:.0f} degrees off it{within(start, end)}"
+            add(start, "warning", "ego", text)
+    for j, name in enumerate(CARS[1:]):
+        d = trace.distance_m[run, :, j]
+        for start, end in spans(d <= 0):
+            least = np.nanmin(d[start:end])
+            add(
+                start,
+                "error",
+                "ego",
+                f"d_{j + 1} <= 0: inside the margin of {name}, down to {least:.3f} m{within(start, end)}",
+            )
+    for i, (a, b) in enumerate(PAIRS):
+        for start, end in spans(trace.touching[run, :, i]):
+            impulse = np.nansum(trace.contact_impulse_n_s[run, start:end, i])
+            speeds = trace.contact_speed_mps[run, start:end, i]
+            first = speeds[np.argmax(speeds > 0)]
+            hit = f" at {first:.2f} m/s, {impulse:.3g} N s" if impulse > 0 else ""
+            add(start, "error", CARS[a], f"touches {CARS[b]}{hit}{within(start, end)}")
+    for c, name in enumerate(CARS):
+        for start, end in spans(saturated(trace)[run, :, c]):
+            add(start, "warning", name, f"is asked for more than it can do{within(start, end)}")
+    found += [Event(s.time_s, "error", s.car, f"stopped: {s.reason}") for s in trace.stops if s.run == run]
+    return sorted(found, key=lambda e: e.time_s)

@@ -1,0 +1,1 @@
+"""The MJCF world of a scenario."""

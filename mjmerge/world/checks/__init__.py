@@ -1,0 +1,1 @@
+"""Whether a car model is what the plant takes it to be."""
