@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,21 +15,25 @@ import numpy as np
 from mjmerge.config import shipped
 from mjmerge.config.bounds import check_runs
 from mjmerge.errors import MjmergeError, OutputError
-from mjmerge.outputs import put
+from mjmerge.figures.runs import figure
+from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
-from mjmerge.record import ENDINGS, FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
+from mjmerge.record import FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.distinct import random
 from mjmerge.scenario.effect import check as check_effect
-from mjmerge.scenario.load import car_sheets, dump
-from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.scenario.load import dump
+from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
 from mjmerge.vehicle.acceptance import Acceptance, acceptance
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
-from mjmerge.verdict.summary import figure, ground, summary, worst_run
-from mjmerge.world.compose import World, build
+from mjmerge.verdict.summary import ground, summary, worst_run
+from mjmerge.world.compose import build
+from mjmerge.world.model import World
 
 if TYPE_CHECKING:
     from mjmerge.record.rerun.live import Live
@@ -128,7 +131,7 @@ def run(
         check_continuous(plant)
     shown = live is not None or (folder is not None and record)
     world = build(scenario) if plant == "mujoco" or shown else None
-    replaced = prepare(folder, replace) if folder is not None else False
+    replaced = prepare(folder, replace, FILES) if folder is not None else False
     recording = None
     if folder is not None:
         put(folder / "scenario.yaml", dump(scenario))
@@ -278,34 +281,3 @@ def _outcome(trace: Trace, verdict: Verdict, found: dict[str, Any]) -> Outcome:
     happened = sorted([*events(trace), *verdict.events()], key=lambda e: e.time_s)
     repeatable = {k: v for k, v in found.items() if k not in ("real_time_factor", "run_dir", "versions")}
     return Outcome(happened, verdict.verdict, repeatable, phases(trace))
-
-
-def prepare(folder: Path, replace: bool, files: Collection[str] = FILES) -> bool:
-    """Makes an empty folder; returns whether an earlier run's files made way.
-
-    Args:
-        folder: where it is to be.
-        replace: whether they may.
-        files: what they may be called; ``*`` stands for anything.
-
-    Raises:
-        OutputError: it is no folder, cannot be written, or holds something that may not go.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        there = {p.name for p in folder.iterdir()}
-        ours = {n for n in there for f in files for end in ENDINGS if fnmatchcase(n, f + end)}
-        if there and not replace:
-            raise OutputError(f"{folder} is not empty, and nothing is overwritten: choose another --out")
-        if there - ours:
-            raise OutputError(
-                f"{folder} holds files that are not an earlier run's ({min(there - ours)}): choose an --out"
-            )
-        for name in there:
-            (folder / name).unlink()
-        probe = folder / "summary.json.partial"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from error
-    return bool(there)

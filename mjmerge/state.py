@@ -37,10 +37,6 @@ class Cars:
     clearance_m: Array
 
 
-PAIRS = ((0, 1), (0, 2), (1, 2))
-"""Pairs of cars that ``clearance_m`` is about: ego-vehicle_1, ego-vehicle_2, vehicle_1-vehicle_2."""
-
-
 @dataclass(frozen=True)
 class Controls:
     """What all cars are told to do over the next control step; each plant takes the level it understands.

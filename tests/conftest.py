@@ -31,9 +31,9 @@ def long(request: pytest.FixtureRequest) -> bool:
 @pytest.fixture
 def make_trace() -> Callable:
     """Builds a trace from a few columns, (N, T, ...); the others are NaN."""
+    from mjmerge.scenario.cars import believed_sheets
     from mjmerge.scenario.load import load
     from mjmerge.simulation.trace import COLUMNS, Trace
-    from mjmerge.vehicle.actuation import believed_sheets
 
     def build(ticks=40, runs=1, overrides=(), plant="mujoco", stops=(), continuous=False, **given):
         scenario = load("paper", ["control_step_s=0.01", *overrides])

@@ -40,7 +40,7 @@ class Check:
         from rich.console import Console
 
         from mjmerge.gate import gate
-        from mjmerge.verdict.summary import gate_failure, gate_json, gate_junit, gate_table
+        from mjmerge.gate.report import gate_failure, gate_json, gate_junit, gate_table
 
         at_least(0, threads=self.threads)
         places = self.scenarios or (shipped.folder("scenarios"),)

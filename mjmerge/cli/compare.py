@@ -31,9 +31,9 @@ class Compare:
         """Run the command; return its exit code."""
         from rich.console import Console
 
+        from mjmerge.outputs import prepare
         from mjmerge.record.read import read, recording
         from mjmerge.review.compare import Side, as_dict, figure, identical, recording_of_both, table
-        from mjmerge.run import prepare
 
         a, b = (Side.of(read(recording(path))) for path in (self.a, self.b))
         folder = self.out or Path("compared")

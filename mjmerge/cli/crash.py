@@ -37,7 +37,7 @@ def report(error: BaseException, arguments: Sequence[str]) -> str:
 
 
 def _details(error: BaseException, arguments: Sequence[str], what: str) -> str:
-    from mjmerge.record.manifest import versions
+    from mjmerge.versions import versions
 
     try:
         known = ", ".join(f"{name} {version}" for name, version in versions().items())

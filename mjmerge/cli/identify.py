@@ -33,11 +33,11 @@ class Identify:
         from rich.console import Console
 
         from mjmerge.cli.places import identified_folder
+        from mjmerge.outputs import prepare
         from mjmerge.proving import report as identified
         from mjmerge.proving.identify import identify
-        from mjmerge.record.manifest import versions
-        from mjmerge.run import prepare
         from mjmerge.vehicle.acceptance import store
+        from mjmerge.versions import versions
         from mjmerge.world.compose import single
 
         place = shipped.model_folder(self.model)

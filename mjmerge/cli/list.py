@@ -29,7 +29,8 @@ class List:
         from mjmerge.drivers import kinds
         from mjmerge.law import VARIANTS
         from mjmerge.plant import PLANTS
-        from mjmerge.scenario.load import data_sheet, load
+        from mjmerge.scenario.cars import data_sheet
+        from mjmerge.scenario.load import load
         from mjmerge.sweep.campaign import described as campaign_line
         from mjmerge.vehicle.acceptance import acceptance
 

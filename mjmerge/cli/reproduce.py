@@ -24,7 +24,7 @@ class Reproduce:
         from rich.console import Console
 
         from mjmerge.paper.reproduce import reproduce
-        from mjmerge.verdict.summary import facts_table
+        from mjmerge.paper.tables import facts_table
 
         folder = self.out or Path("reproduced")
         with progress_bar(1.0, "reproducing") as progress:

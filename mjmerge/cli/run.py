@@ -64,7 +64,7 @@ class Run:
         from mjmerge.cli.places import run_folder
         from mjmerge.run import run
         from mjmerge.scenario.load import load
-        from mjmerge.verdict.summary import table
+        from mjmerge.verdict.table import table
 
         at_least(1, runs=self.runs)
         at_least(0, seed=self.seed, threads=self.threads)

@@ -30,7 +30,7 @@ class Survey:
 
         from mjmerge.paper.survey import Survey as Found
         from mjmerge.paper.survey import survey
-        from mjmerge.verdict.summary import survey_table
+        from mjmerge.paper.tables import survey_table
 
         at_least(1, runs=self.runs)
         at_least(0, seed=self.seed)

@@ -76,7 +76,7 @@ class Sweep:
 
     def _prepare(self, folder: Path, files: Collection[str]) -> None:
         """Makes the folder; says what made way."""
-        from mjmerge.run import prepare
+        from mjmerge.outputs import prepare
 
         if prepare(folder, self.out is None, files):
             print(f"mjmerge: what was in {folder} was replaced", file=sys.stderr)

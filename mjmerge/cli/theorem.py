@@ -28,8 +28,8 @@ class Theorem:
         """Run the command; return its exit code."""
         from rich.console import Console
 
+        from mjmerge.paper.tables import theorem_table
         from mjmerge.paper.theorem import tally
-        from mjmerge.verdict.summary import theorem_table
 
         at_least(1, runs=self.runs)
         at_least(0, seed=self.seed)

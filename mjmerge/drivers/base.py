@@ -8,13 +8,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mjmerge.config.frozen import Frozen
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from mjmerge.state import Array, Mask
 
 FASTEST_MPS = 1000.0
 """Nothing on a road is faster: a speed beyond it is a mistake."""

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import Along, Array, Driver
+from mjmerge.drivers.base import Along, Driver
+from mjmerge.state import Array
 
 
 class Flips(Driver):

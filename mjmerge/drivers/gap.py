@@ -11,7 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from mjmerge.config.frozen import Frozen
-from mjmerge.drivers.base import Along, Array, Driver, overlap
+from mjmerge.drivers.base import Along, Driver, overlap
+from mjmerge.state import Array
 
 
 def _smooth_step(shape: str, x: float) -> tuple[float, float, float]:

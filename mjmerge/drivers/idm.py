@@ -19,8 +19,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import FASTEST_MPS, Along, Array, Driver, Mask
-from mjmerge.state import LEAST
+from mjmerge.drivers.base import FASTEST_MPS, Along, Driver
+from mjmerge.state import LEAST, Array, Mask
 
 
 class Idm(Driver):

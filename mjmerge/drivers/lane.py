@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mjmerge.drivers.base import Array
+from mjmerge.state import Array
 
 _K_Y, _K_VY = 4.0, 4.0  # 1/s^2 and 1/s: critically damped, 0.5 s
 

@@ -10,7 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from mjmerge.config.frozen import Frozen
-from mjmerge.drivers.base import Along, Array, Driver, Forwards, Mask, overlap
+from mjmerge.drivers.base import Along, Driver, Forwards, overlap
+from mjmerge.state import Array, Mask
 
 
 class Change(Frozen):

@@ -7,7 +7,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import FASTEST_MPS, Along, Array, Driver, Mask
+from mjmerge.drivers.base import FASTEST_MPS, Along, Driver
+from mjmerge.state import Array, Mask
 
 
 class Steady(Driver):

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjmerge.drivers.base import Along, Array, Driver
+from mjmerge.drivers.base import Along, Driver
 from mjmerge.drivers.lane import keep_lane
 from mjmerge.errors import MjmergeError
-from mjmerge.state import Cars, Mask
+from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.datasheet import DataSheet
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.runs import COLOURS, LINE, OPINION
+from mjmerge.figures.style import COLOURS, LINE, OPINION
 from mjmerge.outputs import written
-from mjmerge.scenario.load import car_sheets
-from mjmerge.scenario.schema import CARS
-from mjmerge.simulation.trace import NEIGHBOURS, Trace
+from mjmerge.roster import CARS, NEIGHBOURS
+from mjmerge.scenario.cars import car_sheets
+from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.verdict.metrics import INTENT, merged_at_s

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mjmerge.config.read import LARGEST_FILE_BYTES
 from mjmerge.errors import Problem, ScenarioError
 from mjmerge.outputs import cannot_write, put
-from mjmerge.scenario.load import LARGEST_FILE_BYTES
 
 VERSIONS = ("mjmerge", "mujoco", "numpy")
 """Packages whose versions a margin depends on."""

@@ -9,33 +9,33 @@ test is vacuous, and fails.
 from __future__ import annotations
 
 import os
-import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
 from mjmerge.config import shipped
+from mjmerge.config.acts import BODIES, listed
 from mjmerge.config.document import Document
+from mjmerge.config.read import raise_problems, read
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError
 from mjmerge.gate import baseline
 from mjmerge.gate.baseline import Measured
+from mjmerge.gate.result import Result, Row
 from mjmerge.plant import PLANTS
 from mjmerge.plant import check as check_plant
-from mjmerge.record.manifest import versions
-from mjmerge.scenario.acts import BODIES, listed
 from mjmerge.scenario.distinct import labels
 from mjmerge.scenario.effect import acting, covers, given_in_vain
-from mjmerge.scenario.load import load, raise_problems, read
+from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import column
-from mjmerge.scenario.schema import Check, Scenario
+from mjmerge.scenario.schema import Check
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array, Mask, norm
 from mjmerge.verdict.judge import Verdict, judge
+from mjmerge.versions import versions
 
 TOLERANCE_M = 2e-4
 """A margin that differs from its baseline by more has moved."""
@@ -43,59 +43,6 @@ RATE_DEFECT_MPS = 0.1
 """The recorded d_j' must be the rate of the recorded d_j to within this much: it tells the sign of g_j."""
 G_MPS2 = 9.81
 _NEVER: tuple[None, Mapping[str, str]] = (None, {})
-
-
-@dataclass(frozen=True)
-class Row:
-    """One row of the gate.
-
-    Attributes:
-        file: the scenario's file.
-        label: what the scenario is called among those that are checked: two files have two labels.
-        check: what it says of this row.
-        scenario: the scenario with the row's keys.
-    """
-
-    file: Path
-    label: str
-    check: Check
-    scenario: Scenario
-
-    @property
-    def command(self) -> str:
-        """The command that runs this row alone, and records it."""
-        where = (
-            self.file.stem
-            if shipped.scenarios().get(self.file.stem) == self.file.resolve()
-            else str(self.file)
-        )
-        keys = [word for text in self.check.set for word in ("--set", text)]
-        return shlex.join(["mjmerge", "run", where, "--plant", self.check.plant, *keys])
-
-
-@dataclass(frozen=True)
-class Result:
-    """A row, measured and judged.
-
-    Attributes:
-        row: the row.
-        measured: what it came to.
-        baseline: what it came to when the baseline was made; ``None`` if there is none.
-        made_with: the versions that was with.
-        verdict: the contract's.
-        stopped: why the simulation ended early; empty if it did not.
-        problems: why the row fails; none if it passes.
-        wall_s: how long it took, its part of the batch that it was in, s.
-    """
-
-    row: Row
-    measured: Measured
-    baseline: Measured | None
-    made_with: Mapping[str, str]
-    verdict: Verdict
-    stopped: str
-    problems: tuple[str, ...]
-    wall_s: float = 0.0
 
 
 def rows(places: Sequence[Path]) -> list[Row]:
@@ -112,9 +59,9 @@ def rows(places: Sequence[Path]) -> list[Row]:
     known = shipped.scenarios()
     for place in places:
         if not os.path.exists(place):  # noqa: PTH110 (Path's raises where a name is too long)
-            if str(place) not in shipped:
-                raise UnknownNameError("scenario, file or folder", str(place), shipped)
-            place = shipped[str(place)]
+            if str(place) not in known:
+                raise UnknownNameError("scenario, file or folder", str(place), known)
+            place = known[str(place)]
         files += sorted(place.glob("*.yaml")) if place.is_dir() else [place]
     found = []
     called = labels([str(file) for file in files])

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from mjmerge.gate.gate import Result, Row
+    from mjmerge.gate.result import Result, Row
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -72,7 +72,7 @@ class GateItem(pytest.Item):
 
     def runtest(self) -> None:
         """Fails with what is wrong, and the command that shows it."""
-        from mjmerge.verdict.summary import gate_failure
+        from mjmerge.gate.report import gate_failure
 
         assert isinstance(self.parent, ScenarioFile)
         result = self.parent.result(self._rows, self.name)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjmerge.law.opinion_dynamics.opinion import advance, rates
-from mjmerge.scenario.schema import Law
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.state import Array, Mask
 
 _STEP = 1e-4  # of the central difference, which is exact for a parabola

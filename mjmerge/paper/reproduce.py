@@ -14,25 +14,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjmerge.figures.animation import animate
-from mjmerge.figures.runs import (
-    bifurcation,
-    bifurcation_run,
-    distances,
-    opinion,
-    save,
-    save_columns,
-    save_rows,
-)
-from mjmerge.outputs import put
+from mjmerge.figures.runs import distances, opinion
+from mjmerge.figures.style import save, save_columns, save_rows
+from mjmerge.outputs import prepare, put
 from mjmerge.paper.bifurcation import Branches, branches, converging
+from mjmerge.paper.diagram import bifurcation, bifurcation_run
 from mjmerge.paper.facts import FACTS, Finding, Pair, read
-from mjmerge.run import prepare
+from mjmerge.paper.tables import facts_markdown
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
-from mjmerge.verdict.summary import facts_markdown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,8 +1,8 @@
 """How often the decision goes wrong: random merges behind a neighbour that keeps to nothing.
 
-Unlike in :mod:`mjmerge.paper.theorem`, Vehicle 2 owes the ego no room: it flips between a gap that may be too small
-and one that may be wide, at random times and as hard as it likes. Everything is a double integrator, so what
-goes wrong here is the law's, and not the cars'.
+Unlike in :mod:`mjmerge.paper.theorem`, Vehicle 2 owes the ego no room: it flips between a gap that may be too
+small and one that may be wide, at random times and as hard as it likes. Everything is a double integrator, so
+what goes wrong here is the law's, and not the cars'.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from scipy.sparse import block_diag
 
 from mjmerge.law import Sensed, decide
 from mjmerge.law.opinion_dynamics.opinion import rates
-from mjmerge.scenario.schema import Law
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.state import Array, Mask, norm
 
 RTOL, ATOL = 1e-7, 1e-10

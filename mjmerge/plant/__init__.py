@@ -13,7 +13,7 @@ from mjmerge.errors import ModelError, UnknownNameError
 from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 __all__ = ["LIMITED", "PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import Arrivals, no_bodies, runaway, standing, start
-from mjmerge.scenario.load import car_sheets
+from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask
 from mjmerge.vehicle.bicycle import derivative, front_velocity
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 
 class Bicycle:

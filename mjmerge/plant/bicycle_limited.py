@@ -9,12 +9,12 @@ import numpy as np
 
 from mjmerge.plant.bicycle import Bicycle, upright
 from mjmerge.plant.kinematic import Arrivals
-from mjmerge.scenario.load import car_sheets
+from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls
 from mjmerge.vehicle.actuation import CRAWL_MPS, UNMOVED_MPS2, BelievedCars, resistance_n
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 
 class LimitedBicycle(Bicycle):

@@ -9,7 +9,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from mjmerge.state import Array
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 
 class Contacts:

@@ -11,7 +11,7 @@ from mjmerge.plant.kinematic import Arrivals, no_bodies, runaway, standing, star
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 
 class DoubleIntegrator:

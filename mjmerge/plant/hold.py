@@ -15,7 +15,7 @@ from mujoco.batch import Batch
 from mjmerge.plant.tyre import Tyres
 from mjmerge.state import Array, Mask
 from mjmerge.vehicle.actuation import CRAWL_MPS, UNMOVED_MPS2
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 _FIRMER = 1e-3  # R of a held wheel's dry friction over that of MuJoCo's hardest
 STILL = 0.999

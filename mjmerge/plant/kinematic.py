@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjmerge.plant.base import Fault
+from mjmerge.roster import CARS, PAIRS
 from mjmerge.scenario.mismatch import Mismatch, column
-from mjmerge.scenario.schema import CARS, Scenario
-from mjmerge.state import PAIRS, Array, Cars, Mask
+from mjmerge.scenario.schema import Scenario
+from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.actuation import ackermann
 from mjmerge.vehicle.delay import Past
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 _BEYOND = 1e9  # m, m/s, rad: the loop has diverged, and would overflow before it is infinite
 

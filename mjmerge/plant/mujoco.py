@@ -18,12 +18,14 @@ from mjmerge.plant.kinematic import start
 from mjmerge.plant.lag import Lag
 from mjmerge.plant.patch import Patch
 from mjmerge.plant.truth import Truth
+from mjmerge.roster import WHEELS
 from mjmerge.scenario.mismatch import Mismatch, column
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.vehicle.actuation import AIR_KG_PER_M3, CRAWL_MPS, ROLLS_MPS, bicycle_angle
 from mjmerge.vehicle.delay import Past, asked_s
-from mjmerge.world.compose import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER, WHEELS, World
+from mjmerge.world.checks.parts import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER
+from mjmerge.world.model import World
 
 _LOCKED_RADPS = 1.0  # a brake's full torque is reached from this wheel speed on
 _SETTLED_S = 5.0  # after which a car on its springs is at rest

@@ -20,11 +20,13 @@ from numpy.typing import NDArray
 
 from mjmerge.errors import ModelError
 from mjmerge.plant.tyre import Tyres
+from mjmerge.roster import WHEELS
 from mjmerge.scenario.mismatch import SENSING, Mismatch
 from mjmerge.state import Array
 from mjmerge.vehicle.actuation import ackermann
 from mjmerge.vehicle.delay import asked_s, steps_late
-from mjmerge.world.compose import DRIVE, STEER, WHEELS, World
+from mjmerge.world.checks.parts import DRIVE, STEER
+from mjmerge.world.model import World
 
 _NOTHING = Mismatch()
 _PHYSICS = tuple(name for name in Mismatch.model_fields if name not in SENSING)

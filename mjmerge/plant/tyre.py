@@ -36,7 +36,7 @@ from functools import cached_property
 import numpy as np
 
 from mjmerge.state import Array
-from mjmerge.world.compose import HARDEST, IMPRATIO
+from mjmerge.world.model import HARDEST, IMPRATIO
 
 ADDED_MASS = 0.03
 """1/R over the mass on the wheel, while the car moves."""

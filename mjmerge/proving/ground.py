@@ -14,9 +14,10 @@ import numpy as np
 
 from mjmerge.errors import ModelError
 from mjmerge.plant.mujoco import MuJoCo
+from mjmerge.roster import WHEELS
 from mjmerge.state import Array, Cars
 from mjmerge.vehicle.actuation import BelievedCars, command
-from mjmerge.world.compose import WHEELS, World
+from mjmerge.world.model import World
 
 G_MPS2 = 9.81
 TICK_S = 0.01

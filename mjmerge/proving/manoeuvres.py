@@ -12,7 +12,7 @@ import numpy as np
 from mjmerge.proving.ground import G_MPS2, Log, drive
 from mjmerge.state import Array, Cars
 from mjmerge.vehicle.datasheet import DataSheet
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 SPEEDS = np.array([0.97, 1.5, 2.3, 3.2, 4.4, 5.83])
 """Of the steady turns, as parts of sqrt(g L): 5 to 30 m/s for a wheelbase of 2.7 m."""

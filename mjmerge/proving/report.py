@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.runs import LINE, save, save_columns, save_rows, sheet
+from mjmerge.figures.style import LINE, save, save_columns, save_rows, sheet
 from mjmerge.outputs import put
 from mjmerge.proving.ground import G_MPS2
-from mjmerge.proving.identify import FRICTION, Identification, steering_beyond_rad
+from mjmerge.proving.identify import FRICTION, Identification
 from mjmerge.proving.manoeuvres import compliance_rad
+from mjmerge.proving.readings import steering_beyond_rad
 from mjmerge.vehicle.acceptance import Measured
 from mjmerge.vehicle.actuation import AIR_KG_PER_M3
 

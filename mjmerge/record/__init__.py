@@ -14,10 +14,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mjmerge.record.manifest import git_revision, versions
-from mjmerge.record.recording import ENDINGS, Factory, Header, Keep, Outcome, PosedBlock, Recorder, Recording
+from mjmerge.outputs import ENDINGS
+from mjmerge.record.recording import Factory, Header, Keep, Outcome, PosedBlock, Recorder, Recording
 from mjmerge.record.scene import Scene
 from mjmerge.verdict.metrics import Event
+from mjmerge.versions import git_revision, versions
 
 __all__ = [
     "ENDINGS",

@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Field, ValidationError
 
 from mjmerge.config.frozen import Frozen
 from mjmerge.plant import PLANTS
-from mjmerge.scenario.schema import CARS
+from mjmerge.roster import CARS
 from mjmerge.vehicle.datasheet import DataSheet
 
 LARGEST_TEXT_BYTES = 8 * 2**20

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 
 NS_PER_S = 1_000_000_000
 Ticks = NDArray[np.int64]

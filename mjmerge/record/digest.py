@@ -7,7 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mjmerge.simulation.trace import COLUMNS, Array, Block
+from mjmerge.simulation.log import Block
+from mjmerge.simulation.trace import COLUMNS
+from mjmerge.state import Array
 
 
 class Digest:

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import json
-import platform
-import subprocess
 from collections.abc import Mapping
-from functools import cache
-from importlib import metadata
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.scenario.schema import CARS
+from mjmerge.roster import CARS
 from mjmerge.simulation.trace import COLUMNS
 
 if TYPE_CHECKING:
@@ -28,34 +23,6 @@ CONVENTIONS = {
     "commands": "those of a tick hold until the next tick",
     "missing": "NaN",
 }
-_PACKAGES = ("mjmerge", "mujoco", "dm-control", "numpy", "rerun-sdk", "mcap", "foxglove-sdk")
-
-
-def versions() -> dict[str, str]:
-    """Version of Python and of each package that a recording depends on; those not installed are left out."""
-    found = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-@cache
-def git_revision() -> str | None:
-    """Revision of the checkout this file is tracked in, ``-dirty`` if edited; ``None`` outside of one."""
-    here = Path(__file__)
-
-    def git(*arguments: str) -> str:
-        command = ["git", "-C", str(here.parent), *arguments]
-        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=10).stdout.strip()
-
-    try:
-        git("ls-files", "--error-unmatch", here.name)
-        return git("describe", "--always", "--dirty", "--abbrev=12")
-    except (OSError, subprocess.SubprocessError):
-        return None
 
 
 def canonical(of: Mapping[str, Any]) -> str:

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from mjmerge.record.schema import LAW_TOPIC, car_topic
-from mjmerge.scenario.schema import CARS, Scenario
-from mjmerge.simulation.trace import NEIGHBOURS, WHEELS, Array
+from mjmerge.roster import CARS, NEIGHBOURS, WHEELS
+from mjmerge.scenario.schema import Scenario
+from mjmerge.state import Array
 
 Color = tuple[int, int, int]
 

@@ -25,10 +25,12 @@ from mjmerge.record.manifest import canonical
 from mjmerge.record.mcap.file import TooLargeError
 from mjmerge.record.mcap.reader import gather_mcap
 from mjmerge.record.rerun.reader import gather_rrd, survives
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.load import load
-from mjmerge.scenario.schema import CARS, Scenario
-from mjmerge.simulation.trace import COLUMNS, Array, Stop, Trace, the_truth
-from mjmerge.vehicle.actuation import believed_sheets
+from mjmerge.scenario.schema import Scenario
+from mjmerge.simulation.trace import COLUMNS, Stop, Trace, the_truth
+from mjmerge.state import Array
 from mjmerge.vehicle.datasheet import DataSheet
 
 _MCAP_MAGIC, _RRD_MAGIC = b"\x89MCAP0\r\n", b"RRF2"

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mjmerge.errors import OutputError, RecordingError
+from mjmerge.outputs import PARTIAL
 from mjmerge.record.digest import Digest
 from mjmerge.record.manifest import canonical, manifest
 from mjmerge.record.scene import Scene
 from mjmerge.scenario.schema import Scenario
+from mjmerge.simulation.log import Block
 from mjmerge.simulation.sensing import exact
-from mjmerge.simulation.trace import Array, Block
+from mjmerge.state import Array
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.verdict.metrics import Event
 from mjmerge.verdict.phases import Phase
@@ -26,9 +28,6 @@ from mjmerge.verdict.phases import Phase
 if TYPE_CHECKING:
     import mujoco
 
-PARTIAL, WHOLE = ".partial", ".whole"
-"""Endings of a file that is not complete, and of what is about to take its place."""
-ENDINGS = ("", PARTIAL, PARTIAL + WHOLE)
 _SPARE_BYTES = 32 * 2**20
 """Recorders stop before the disk is full: a writer that hits its end can hang for good."""
 

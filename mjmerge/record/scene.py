@@ -16,8 +16,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.scenario.schema import CARS
-from mjmerge.simulation.trace import Array, Block
+from mjmerge.roster import CARS
+from mjmerge.simulation.log import Block
+from mjmerge.state import Array
 
 Kind = Literal["box", "ellipsoid", "cylinder", "capsule", "mesh"]
 _DRAWN_GROUPS = (0, 1, 2)

@@ -16,8 +16,10 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorP
 
 from mjmerge.record.manifest import SCHEMA_VERSION
 from mjmerge.record.mcap.wire import Layout
-from mjmerge.scenario.schema import CARS
-from mjmerge.simulation.trace import COLUMNS, NEIGHBOURS, PAIR_NAMES, WHEELS, XY, Array, Block, Column
+from mjmerge.roster import CARS, NEIGHBOURS, PAIR_NAMES, WHEELS, XY
+from mjmerge.simulation.log import Block
+from mjmerge.simulation.trace import COLUMNS, Column
+from mjmerge.state import Array
 
 PACKAGE = f"mjmerge.v{SCHEMA_VERSION}"
 LAW_MESSAGE, CAR_MESSAGE, TOLD_MESSAGE = "LawState", "CarState", "ToldState"
@@ -129,7 +131,7 @@ def descriptor_set() -> bytes:
 def proto_text() -> str:
     """The schema as people read it: the text of ``mjmerge_v1.proto``."""
     lines = [
-        "// What mjmerge records besides Foxglove's own messages. Generated from mjmerge.simulation.trace.COLUMNS.",
+        "// What mjmerge records besides Foxglove's own messages. Generated from the columns of its trace.",
         f"// {LAW_TOPIC} carries {LAW_MESSAGE}, {car_topic('<car>')} carries {CAR_MESSAGE}; SI, road frame.",
         f"// {TOLD_TOPIC} carries {TOLD_MESSAGE}, where the ego was not told the truth.",
         "",

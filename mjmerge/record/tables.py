@@ -5,7 +5,8 @@ from __future__ import annotations
 from mjmerge.record import schema
 from mjmerge.record.scene import DRAWN_EVERY_S
 from mjmerge.record.schema import CAR_COLUMNS, LAW_COLUMNS, TOLD_COLUMNS, Field
-from mjmerge.simulation.trace import XY, Column
+from mjmerge.roster import XY
+from mjmerge.simulation.trace import Column
 
 _UNITS = {
     "_n_m": "N m",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 
 _MOST_NAMED = 3
 

@@ -11,13 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.runs import comparison, save
+from mjmerge.figures.runs import comparison
+from mjmerge.figures.style import save
+from mjmerge.outputs import whole
 from mjmerge.record.read import Recorded
-from mjmerge.review.convert import whole
-from mjmerge.simulation.trace import COLUMNS, NEIGHBOURS, Array, Trace
+from mjmerge.roster import NEIGHBOURS
+from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.state import Array
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.verdict.metrics import shared_ticks
-from mjmerge.verdict.summary import metres, seconds, summary
+from mjmerge.verdict.summary import summary
+from mjmerge.verdict.table import metres, seconds
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -7,16 +7,17 @@ Columns are the trace's, units in their names, spread over their components: ``o
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from mjmerge.errors import OutputError, UnreadableError
-from mjmerge.figures.runs import save_columns
+from mjmerge.errors import UnreadableError
+from mjmerge.figures.style import save_columns
+from mjmerge.outputs import whole
 from mjmerge.record.read import Recorded
-from mjmerge.simulation.trace import COLUMNS, Array
+from mjmerge.simulation.trace import COLUMNS
+from mjmerge.state import Array
 
 
 def flat(found: Recorded) -> dict[str, Array]:
@@ -66,21 +67,3 @@ def to_parquet(found: Recorded, path: Path) -> None:
     }
     made = pa.table(flat(found)).replace_schema_metadata({f"mjmerge.{k}": v for k, v in about.items()})
     whole(path, lambda partial: pq.write_table(made, partial, compression="zstd"))
-
-
-def whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Writes a file under ``<name>.partial`` and gives it its name once it is whole.
-
-    Raises:
-        OutputError: there is a file of that name, or it cannot be written.
-    """
-    partial = path.with_name(f"{path.name}.partial")
-    for there in (path, partial):
-        if there.exists():
-            raise OutputError(f"{there} exists, and nothing is overwritten: choose another --out")
-    try:
-        write(partial)
-        partial.rename(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error

@@ -19,11 +19,12 @@ from mjmerge.plant import LIMITED
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
-from mjmerge.scenario.schema import CARS
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import believed_sheets
 from mjmerge.simulation.sensing import Sensing
-from mjmerge.simulation.trace import Array, Trace, the_truth
-from mjmerge.state import Cars, Mask, dot, norm
-from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate, believed_sheets
+from mjmerge.simulation.trace import Trace, the_truth
+from mjmerge.state import Array, Cars, Mask, dot, norm
+from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
 
 _DISTANCE_M = 1e-12
 """Distances follow from positions to the last bit on any processor; this much is allowed, or this part."""

@@ -17,11 +17,12 @@ from mjmerge.record.scene import DRAWN_EVERY_S, Scene
 from mjmerge.review.check import Check, checked
 from mjmerge.review.poses import Tracks, header, poses, standing_poses, tracks
 from mjmerge.review.shown import shown
-from mjmerge.scenario.schema import CARS
-from mjmerge.simulation.trace import PAIR_NAMES, Block, Trace
-from mjmerge.state import PAIRS, Array, norm
+from mjmerge.roster import CARS, PAIR_NAMES, PAIRS
+from mjmerge.simulation.log import Block
+from mjmerge.simulation.trace import Trace
+from mjmerge.state import Array, norm
 from mjmerge.vehicle.actuation import bicycle_angle
-from mjmerge.world.compose import STEERED
+from mjmerge.world.checks.parts import STEERED
 
 _ROUNDED, _PLACED_M = 2e-7, 2e-6
 """Poses are float32: off by this part, and by so much near the origin."""

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from mjmerge.errors import UnreadableError
+from mjmerge.outputs import PARTIAL
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.read import recording
-from mjmerge.record.recording import PARTIAL
 from mjmerge.review.check import Check, checked, differing, some
 from mjmerge.review.claims import what_follows
 from mjmerge.review.verify import Verified, verify

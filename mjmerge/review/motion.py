@@ -11,7 +11,7 @@ from mjmerge.plant import make
 from mjmerge.record.contents import Ticks
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
-from mjmerge.scenario.schema import CARS
+from mjmerge.roster import CARS
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array, Cars, Controls, Mask, norm
 

@@ -27,14 +27,16 @@ from mjmerge.record.rerun.reader import rrd_batches, time_ns_of
 from mjmerge.record.scene import Frame, Scene
 from mjmerge.review.claims import what_follows
 from mjmerge.review.derived import cars_of
-from mjmerge.scenario.schema import CARS
-from mjmerge.simulation.trace import COLUMNS, Array, Block, Trace
-from mjmerge.state import Cars
+from mjmerge.roster import CARS
+from mjmerge.simulation.log import Block
+from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.state import Array, Cars
 from mjmerge.vehicle.actuation import ackermann
 from mjmerge.verdict.judge import judge
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
-from mjmerge.world.compose import STEERED, World
+from mjmerge.world.checks.parts import STEERED
+from mjmerge.world.model import World
 
 Tracks = dict[str, tuple[Ticks, Array]]
 """By frame: times, ns, (K,), and poses, x y z and then w x y z, (K, 7)."""

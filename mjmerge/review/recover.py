@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from mjmerge.errors import MjmergeError
+from mjmerge.outputs import whole
 from mjmerge.record import FORMATS
 from mjmerge.record.read import Recorded, read
 from mjmerge.record.scene import Scene
-from mjmerge.review.convert import whole
 from mjmerge.review.poses import header, outcome, posed
 from mjmerge.simulation.trace import Stop
 

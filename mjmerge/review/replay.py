@@ -16,17 +16,20 @@ import numpy as np
 from mjmerge.config import shipped
 from mjmerge.errors import MjmergeError, UnknownNameError, UnreadableError
 from mjmerge.record.attached import compiled
-from mjmerge.record.manifest import versions
 from mjmerge.record.read import Recorded, read
 from mjmerge.review.check import differing
 from mjmerge.review.claims import what_follows
 from mjmerge.review.recover import CUT_OFF
-from mjmerge.scenario.load import data_sheet
-from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
-from mjmerge.simulation.trace import COLUMNS, Array, Trace
+from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.state import Array
 from mjmerge.verdict.judge import judge
-from mjmerge.world.compose import World, attached, build
+from mjmerge.versions import versions
+from mjmerge.world.compose import attached, build
+from mjmerge.world.model import World
 
 _MOST_NAMED = 5
 _RELATIVE = 1e-9

@@ -13,7 +13,6 @@ import numpy as np
 from mjmerge.errors import MjmergeError
 from mjmerge.record import schema
 from mjmerge.record.contents import NS_PER_S
-from mjmerge.record.manifest import versions
 from mjmerge.record.mcap.reader import mcap_messages
 from mjmerge.record.read import Recorded
 from mjmerge.record.recording import Header, Outcome
@@ -24,6 +23,7 @@ from mjmerge.review.check import Check, checked
 from mjmerge.review.poses import posed
 from mjmerge.verdict.metrics import Event
 from mjmerge.verdict.phases import Phase
+from mjmerge.versions import versions
 
 _DRAWS = ("mjmerge", "rerun-sdk", "foxglove-sdk", "mujoco")
 """Packages of whose versions it depends how something is drawn."""

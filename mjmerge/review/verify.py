@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjmerge.record.digest import digests
-from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, versions
+from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION
 from mjmerge.record.read import Recorded, read
 from mjmerge.review.check import Check, checked, some
 from mjmerge.review.claims import claims
@@ -22,6 +22,7 @@ from mjmerge.review.derived import derived, geometry
 from mjmerge.review.drawn import drawn
 from mjmerge.simulation.trace import COLUMNS, Trace
 from mjmerge.verdict.judge import Verdict, judge
+from mjmerge.versions import versions
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -22,10 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.errors import MjmergeError, WorkerError
-from mjmerge.figures.runs import words
-from mjmerge.outputs import no_room
-from mjmerge.review.convert import whole
-from mjmerge.simulation.trace import NEIGHBOURS, Array, Trace
+from mjmerge.figures.style import words
+from mjmerge.outputs import no_room, whole
+from mjmerge.roster import NEIGHBOURS
+from mjmerge.simulation.trace import Trace
+from mjmerge.state import Array
 from mjmerge.verdict.metrics import INTENT, merged_at_s
 
 if TYPE_CHECKING:

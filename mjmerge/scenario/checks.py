@@ -15,7 +15,9 @@ from typing import Any
 from mjmerge.config.bounds import MOST_ROWS, MOST_TICKS
 from mjmerge.drivers import Driver, kinds
 from mjmerge.errors import Problem
-from mjmerge.scenario.schema import CARS, Check, Drivers, Initial, Law
+from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.roster import CARS
+from mjmerge.scenario.schema import Check, Drivers, Initial
 from mjmerge.vehicle.datasheet import DataSheet
 
 

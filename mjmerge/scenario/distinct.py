@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.config import shipped
-from mjmerge.scenario.acts import BODIES
+from mjmerge.config.acts import BODIES
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.effect import acting, declared
-from mjmerge.scenario.load import car_sheets
 from mjmerge.scenario.mismatch import Mismatch
-from mjmerge.scenario.schema import CARS, Road, Scenario
+from mjmerge.scenario.schema import Road, Scenario
 from mjmerge.vehicle.delay import steps_late
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def labels(sources: Sequence[str]) -> dict[str, str]:
     The same file has the same label, however it is written; two files never have.
     """
     known = shipped.scenarios()
-    paths = {source: _path(shipped.get(source, source)) for source in sources}
+    paths = {source: _path(known.get(source, source)) for source in sources}
     found: dict[Path, str] = {}
     for path in dict.fromkeys(paths.values()):
         others = [other for other in dict.fromkeys(paths.values()) if other != path]

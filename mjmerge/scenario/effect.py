@@ -11,9 +11,9 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
+from mjmerge.config.acts import Acts
 from mjmerge.config.frozen import Frozen
 from mjmerge.errors import Problem, ScenarioError
-from mjmerge.scenario.acts import Acts
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 

@@ -7,85 +7,30 @@ default we chose and why.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from mjmerge import drivers as _drivers
+from mjmerge.config.acts import BODIES, LIMITS, WHEELS, Acts
 from mjmerge.config.bounds import LONGEST_S
-from mjmerge.config.frozen import Frozen
+from mjmerge.config.frozen import Frozen, NonNegative, Positive
 from mjmerge.config.units import Unit, rescaled
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
-from mjmerge.scenario.acts import BODIES, LIMITS, WHEELS, Acts
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.vehicle.datasheet import DataSheet
-
-CARS = ("ego", "vehicle_1", "vehicle_2")
-"""The cars of every scenario, in the order of every array's car axis."""
 
 if TYPE_CHECKING:
     DriverSpec = _drivers.Driver
 else:
     DriverSpec = _drivers.union()
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
 Need = Literal["barrier", "grip"]
 Place = Annotated[float, Field(ge=-1e9, le=1e9)]
 Point = Annotated[tuple[Place, Place], Field(strict=False)]
-
-
-def _has(*parts: str) -> Callable[[Any], bool]:
-    """Whether a scenario's law has one of these parts in its variant."""
-    return lambda scenario: not set(parts).isdisjoint(scenario.law.variant.split("+"))
-
-
-_CAPPED = Acts(
-    continuous=True, when=_has("capped", "guarded"), only="under the law variants capped and guarded"
-)
-_FLOORED = Acts(continuous=True, when=_has("z_floor"), only="under the law variant z_floor")
-
-
-class Law(Frozen):
-    """Gains and parameters of the paper's law, in the paper's letters; defaults are its Section 4."""
-
-    variant: str = "literal"
-    """Which reading of the equations to run, such as gated+one_sided; ``mjmerge list laws`` shows them."""
-    k_p: Annotated[NonNegative, Unit(0, -2)] = 0.7
-    """Position gain, 1/s^2 (the paper's eq. for u^n writes k_d once; it is k_p)."""
-    k_v: Annotated[NonNegative, Unit(0, -1)] = 2.0
-    """Velocity gain, 1/s."""
-    k_o: Annotated[NonNegative, Unit(1, -1)] = 1.0
-    """Barrier gain, m/s; 0 switches the barrier off."""
-    k_w: Positive = 40.0
-    """Slope of the opinion's weight w = tanh(k_w z)."""
-    k_mu: Annotated[Positive, Unit(0, -1)] = 5.0
-    """Decay rate of mu, 1/s."""
-    k: Annotated[Positive, Unit(-1, 1)] = 20.0
-    """Slope of the tanh in the mu-law, s/m."""
-    k_s: Annotated[Positive, Unit(0, -1)] = 1.0
-    """Gain of that tanh, 1/s; the paper writes it as a bare 1."""
-    eps: Annotated[Positive, Unit(0, 1)] = 0.05
-    """Time scale of the opinion, s."""
-    eps_1: Annotated[NonNegative, Unit(0, -1)] = 0.5
-    """Fastest divergent flow of the gap that still counts as staying open, 1/s."""
-    r_m: Positive = 0.6
-    """Safe margin r between front axles, m."""
-    r_rho_m: float
-    """Offset r^rho of the target behind Vehicle 1, m; negative, because rho points forward."""
-    r_eta_m: float
-    """Lateral offset r^eta of the target while w = 0, m: where the ego's own lane is."""
-    eps_v_mps: Annotated[Positive, Acts(on=WHEELS, continuous=True)] = 0.1
-    """Speed below which the bicycle inverse uses sign(v_r) eps_v in place of v_r, m/s (sign(0) = +1)."""
-    d_cap_m: Annotated[Positive, _CAPPED] = 0.05
-    """Distance below which the variants ``capped`` and ``guarded`` let the barrier grow no further, m.
-
-    At 0.05 its gain k_o/d stays below 20/s: stable under a hold of up to 0.1 s or a delay of up to 0.08 s.
-    """
-    z_floor: Annotated[Positive, _FLOORED] = 1e-3
-    """Smallest opinion under the variant ``z_floor``, 1; at 1e-3 the target moves by 4 % of r_eta for it."""
 
 
 class CarStart(Frozen):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.errors import MjmergeError
-from mjmerge.figures.runs import COLOURS, LINE, save, save_rows, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, save, save_rows, sheet, words
 from mjmerge.outputs import put
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.figures.runs import COLOURS, LINE, save, save_rows, words
+from mjmerge.figures.style import COLOURS, LINE, save, save_rows, words
 from mjmerge.outputs import put
 from mjmerge.search.breaking import Break, Range, Tried, Until, margin
 

@@ -12,14 +12,14 @@ from typing import Any
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, most_threads, whole
 from mjmerge.config.document import copied, described
 from mjmerge.config.frozen import Frozen
+from mjmerge.config.read import raise_problems, validated
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, nearest
 from mjmerge.plant import PLANTS
 from mjmerge.scenario.checks import check
-from mjmerge.scenario.load import raise_problems, validated
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import Trace
-from mjmerge.world.compose import World
+from mjmerge.world.model import World
 
 
 def check_scenario(given: object) -> None:

@@ -27,8 +27,9 @@ from mjmerge.errors import MjmergeError
 from mjmerge.law import Sensed, decide
 from mjmerge.law.opinion_dynamics.barrier import singular
 from mjmerge.law.opinion_dynamics.opinion import floored, rates
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.plant import Fault, Plant, Smooth, make
-from mjmerge.scenario.schema import Law, Scenario
+from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
 from mjmerge.vehicle.actuation import BelievedCars
 from mjmerge.vehicle.bicycle import inverse

@@ -10,16 +10,19 @@ from mjmerge.config.bounds import check_runs
 from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
 from mjmerge.plant import check, make
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import believed_sheets, car_sheets
 from mjmerge.scenario.effect import check as check_effect
-from mjmerge.scenario.load import car_sheets
 from mjmerge.scenario.mismatch import Mismatch
-from mjmerge.scenario.schema import CARS, Scenario
+from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.arguments import check_run
+from mjmerge.simulation.log import Log, Sink
 from mjmerge.simulation.sensing import Sensing
-from mjmerge.simulation.trace import Log, Sink, Stop, Trace
+from mjmerge.simulation.trace import Stop, Trace
 from mjmerge.state import Array, Cars, Controls
-from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate, believed_sheets
-from mjmerge.world.compose import World, build
+from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
+from mjmerge.world.compose import build
+from mjmerge.world.model import World
 
 Case = tuple[int, Mismatch]
 """Seed and mismatch of one simulation."""
@@ -54,8 +57,8 @@ def simulate(
         sink: gets simulation 0 in blocks while it runs.
         live: likewise, in smaller blocks.
         progress: called now and then with the simulated time, s.
-        continuous: in continuous time, to the accuracy of ``mjmerge.simulation.continuous``: no command is held. For the
-            two ideal plants.
+        continuous: in continuous time, to the accuracy of ``mjmerge.simulation.continuous``: no command is
+            held. For the two ideal plants.
         cases: seed and mismatch of each simulation, in place of ``runs``, ``seed`` and the scenario's
             mismatch. In continuous time there is no mismatch.
 

@@ -1,7 +1,8 @@
 """What the ego is told of the world: the truth, late, noisy, biased or missing.
 
 Between the plant's truth and the law stands one :class:`Sensing` per batch. What it changes is in
-:data:`mjmerge.scenario.mismatch.SENSING`; a simulation that none of it applies to is told the truth, bit for bit.
+:data:`mjmerge.scenario.mismatch.SENSING`; a simulation that none of it applies to is told the truth, bit for
+bit.
 """
 
 from __future__ import annotations

@@ -6,30 +6,20 @@ fills it, the recorders write it, and the documentation lists it from this decla
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Protocol, get_type_hints
+from typing import Annotated, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.config.document import described
 from mjmerge.errors import MjmergeError
+from mjmerge.roster import CARS, NEIGHBOURS, PAIR_NAMES, WHEELS, XY
 from mjmerge.scenario.mismatch import Mismatch
-from mjmerge.scenario.schema import CARS, Scenario
-from mjmerge.state import Mask
+from mjmerge.scenario.schema import Scenario
+from mjmerge.state import Array, Mask
 from mjmerge.vehicle.datasheet import DataSheet
-
-Array = NDArray[np.float64]
-BLOCK_S = 0.5
-"""Simulated time that reaches the recorders at once: what a crash can lose, at most, s."""
-GLIMPSE_S = 0.1
-"""The same for whoever watches a run live, s."""
-
-XY = ("x", "y")
-NEIGHBOURS = CARS[1:]
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-PAIR_NAMES = ("ego_vehicle_1", "ego_vehicle_2", "vehicle_1_vehicle_2")
 
 
 class Meaning:
@@ -218,142 +208,3 @@ def _least(values: Array) -> Array:
     """Minimum over the tick axis that ignores NaN, and is NaN where there is nothing else."""
     least: Array = np.where(np.isnan(values), np.inf, values).min(axis=1)
     return np.where(np.isinf(least), np.nan, least)
-
-
-@dataclass(frozen=True)
-class Block:
-    """Some consecutive ticks of one simulation, as recorders get them.
-
-    Attributes:
-        ticks: index of each tick in the run, (B,).
-        time_s: simulated time, s, (B,).
-        columns: each column of ``COLUMNS`` by name, (B, ...); views, not to be written to.
-        qpos: generalised positions of the composed world, (B, nq).
-    """
-
-    ticks: NDArray[np.int64]
-    time_s: Array
-    columns: Mapping[str, Array]
-    qpos: Array
-
-
-class Sink(Protocol):
-    """Where the blocks of a running simulation go."""
-
-    def write(self, block: Block) -> None:
-        """Takes the next ticks of simulation 0."""
-
-
-class _Feed:
-    """Hands simulation 0 to a sink, some ticks at a time."""
-
-    def __init__(self, sink: Sink, ticks: int) -> None:
-        self._sink, self._ticks = sink, ticks
-        self._qpos: list[Array] = []
-
-    def add(self, qpos: Array) -> bool:
-        """Takes the next tick's positions; says whether it is time to flush."""
-        self._qpos.append(qpos)
-        return len(self._qpos) >= self._ticks
-
-    def flush(self, time_s: Array, columns: Mapping[str, Array], end: int) -> None:
-        """Hands over what the sink has not had yet, up to tick ``end``."""
-        if not self._qpos:
-            return
-        part = slice(end - len(self._qpos), end)
-        qpos = np.stack(self._qpos)
-        self._qpos.clear()
-        self._sink.write(
-            Block(
-                ticks=np.arange(part.start, part.stop),
-                time_s=time_s[part],
-                columns={name: values[0, part] for name, values in columns.items()},
-                qpos=qpos,
-            )
-        )
-
-
-class Log:
-    """The trace while it is being written; hands simulation 0 to its sinks, block by block."""
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        plant: str,
-        seeds: NDArray[np.int64],
-        sheets: tuple[DataSheet, ...],
-        mismatch: tuple[Mismatch, ...],
-        sink: Sink | None = None,
-        live: Sink | None = None,
-        *,
-        continuous: bool = False,
-        told_truth: bool = False,
-    ) -> None:
-        self._scenario, self._plant, self._seeds = scenario, plant, seeds
-        self._sheets, self._mismatch, self._continuous = sheets, mismatch, continuous
-        self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
-        self.columns = {
-            c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan)
-            for c in COLUMNS
-            if not (c.told and told_truth)
-        }
-        if told_truth:  # nothing is kept twice
-            self.columns |= the_truth(self.columns)
-        self._stops: list[Stop] = []
-        sinks = ((sink, BLOCK_S), (live, GLIMPSE_S))
-        self._feeds = [
-            _Feed(to, block_ticks(scenario.control_step_s, s)) for to, s in sinks if to is not None
-        ]
-        self._ticks = 0
-
-    def write(self, row: Mapping[str, Array], running: Mask, qpos: Callable[[], Array]) -> None:
-        """One tick of all simulations; those not running stay NaN.
-
-        Args:
-            row: value of every column, (N, ...).
-            running: which simulations still run, (N,).
-            qpos: gives the generalised positions of simulation 0 now, (nq,), if they are needed.
-        """
-        k, everyone = self._ticks, running.all()
-        for name, value in row.items():
-            if everyone:
-                self.columns[name][:, k] = value
-            else:
-                self.columns[name][running, k] = value[running]
-        self._ticks = k + 1
-        if self._feeds and running[0]:
-            now = qpos().copy()
-            for feed in self._feeds:
-                if feed.add(now):
-                    feed.flush(self.time_s, self.columns, self._ticks)
-
-    def flush(self) -> None:
-        """Hands the sinks what they have not had yet."""
-        for feed in self._feeds:
-            feed.flush(self.time_s, self.columns, self._ticks)
-
-    def stop(self, stop: Stop) -> None:
-        """A simulation ends here, before its time."""
-        if stop.run == 0:
-            self.flush()
-        self._stops.append(stop)
-
-    def finish(self) -> Trace:
-        """The trace, complete."""
-        self.flush()
-        return Trace(
-            scenario=self._scenario,
-            plant=self._plant,
-            seeds=self._seeds,
-            sheets=self._sheets,
-            mismatch=self._mismatch,
-            stops=tuple(self._stops),
-            continuous=self._continuous,
-            time_s=self.time_s,
-            **self.columns,
-        )
-
-
-def block_ticks(control_step_s: float, block_s: float = BLOCK_S) -> int:
-    """Ticks in a block: as many as span no more than its time, at least one."""
-    return max(1, int(block_s / control_step_s + 1e-9))

@@ -16,7 +16,7 @@ from mjmerge.config import shipped
 from mjmerge.config.frozen import Frozen
 from mjmerge.errors import BadNameError, OutputError
 from mjmerge.outputs import cannot_write, put_new
-from mjmerge.scenario.load import data_sheet
+from mjmerge.scenario.cars import data_sheet
 from mjmerge.vehicle.datasheet import DataSheet
 
 _STARTS = Path(__file__).resolve().parent

@@ -20,12 +20,13 @@ from mjmerge.config import shipped
 from mjmerge.config.bounds import MOST_RUNS
 from mjmerge.config.document import Document, copied
 from mjmerge.config.frozen import Frozen
+from mjmerge.config.read import file_of, raise_problems, read, validated
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError, nearest
 from mjmerge.plant import PLANTS
 from mjmerge.scenario.effect import covers
 from mjmerge.scenario.levels import LEVELS
 from mjmerge.scenario.levels import NAMES as LEVEL_NAMES
-from mjmerge.scenario.load import Source, file_of, load, raise_problems, read, validated
+from mjmerge.scenario.load import Source, load
 from mjmerge.sweep.extent import no_range, too_much
 from mjmerge.sweep.plan import (
     MISMATCH,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.figures.runs import COLOURS, LINE, MU, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, MU, sheet, words
 from mjmerge.sweep.campaign import GRID, RANDOM
 from mjmerge.sweep.plan import Plan
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, Rows, groups

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 from mjmerge.config import shipped
 from mjmerge.errors import OutputError
 from mjmerge.outputs import cannot_write
-from mjmerge.record.manifest import versions
-from mjmerge.scenario.schema import CARS
+from mjmerge.roster import CARS
 from mjmerge.sweep.plan import Batch, Plan
 from mjmerge.sweep.workers import Shard
+from mjmerge.versions import versions
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,12 +9,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from mjmerge.config.document import Document, parse, scalar
+from mjmerge.config.read import raise_problems, validated
 from mjmerge.errors import Problem, ScenarioError
 from mjmerge.plant import check as check_plant
+from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.distinct import labels, same_as
 from mjmerge.scenario.effect import covers, defaults, given_in_vain
-from mjmerge.scenario.load import data_sheet, load, raise_problems, validated
+from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.runs import save
+from mjmerge.figures.style import save
 from mjmerge.outputs import put
-from mjmerge.record.manifest import versions
 from mjmerge.scenario.distinct import distinct
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch
@@ -22,6 +21,7 @@ from mjmerge.sweep.figures import figures
 from mjmerge.sweep.plan import Plan
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, Rows, groups
 from mjmerge.sweep.statistics import CONFIDENCE, Rate, clopper_pearson
+from mjmerge.versions import versions
 
 if TYPE_CHECKING:
     import pyarrow as pa

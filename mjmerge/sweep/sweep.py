@@ -12,12 +12,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.record.manifest import versions
 from mjmerge.scenario.distinct import SAME
 from mjmerge.sweep.folder import SHARDS, TABLE, claim, identity, place, read, write
 from mjmerge.sweep.plan import Plan
 from mjmerge.sweep.rows import FLAGS, NUMBERS, TEXTS
 from mjmerge.sweep.workers import TOGETHER, Progress, Shard, Workers, shards, workers
+from mjmerge.versions import versions
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.scenario.load import car_sheets
-from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.vehicle.bicycle import inverse
 from mjmerge.vehicle.datasheet import DataSheet
@@ -35,7 +33,7 @@ _DRIVE_SHARES = {"all": (0.25, 0.25, 0.25, 0.25), "front": (0.5, 0.5, 0, 0), "re
 
 @dataclass(frozen=True)
 class BelievedCars:
-    """What the cars are believed to be, each (C,), SI units as in :class:`~mjmerge.vehicle.datasheet.DataSheet`."""
+    """What the cars are believed to be, each (C,), SI units as in ``DataSheet``."""
 
     wheelbase_m: Array
     track_m: Array
@@ -82,13 +80,6 @@ class BelievedCars:
             drive_shares=drive,
             brake_shares=np.concatenate([front, front, 1 - front, 1 - front], axis=1) / 2,
         )
-
-
-def believed_sheets(scenario: Scenario) -> list[DataSheet]:
-    """Data sheet of each car, the ego's with what the scenario's ``belief`` says otherwise."""
-    sheets = car_sheets(scenario)
-    sheets[0] = sheets[0].model_copy(update=scenario.belief.model_dump(exclude_none=True))
-    return sheets
 
 
 class Feet:

@@ -1,8 +1,8 @@
 """The theorem's hypotheses as monitors on a trace: at which ticks each is broken.
 
 The theorem restarts from any safe state: what it asks at a time is asked of the state then, and what it asks
-of the future is asked from then on. So every monitor marks ticks, and :mod:`mjmerge.verdict.judge` looks at those
-that can have mattered.
+of the future is asked from then on. So every monitor marks ticks, and :mod:`mjmerge.verdict.judge` looks at
+those that can have mattered.
 
 A hypothesis is asked only where the plant has the thing: a double integrator has no wheels.
 """
@@ -16,7 +16,7 @@ from math import pi
 import numpy as np
 
 from mjmerge.law.opinion_dynamics.barrier import effective_distance
-from mjmerge.scenario.load import car_sheets
+from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.mismatch import column
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Mask, dot, norm

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.config.bounds import whole
-from mjmerge.scenario.schema import CARS
+from mjmerge.roster import CARS, PAIRS
 from mjmerge.simulation.trace import Trace, check_trace
-from mjmerge.state import PAIRS, Array, Mask
+from mjmerge.state import Array, Mask
 
 MERGED_M = 0.1
 """Lateral error below which, and for good, the merge counts as done, m."""

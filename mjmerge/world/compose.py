@@ -1,9 +1,8 @@
 """One MJCF world from a scenario: a road and its cars, composed with ``dm_control.mjcf``.
 
-This is the only module that knows dm_control. What a car's MJCF must hold, and what it must not, is checked
-before (``mjmerge.world.checks.file``) and after it is compiled (``mjmerge.world.checks.frame`` and those beside), and the
-compiled world is compared with the one without cars (``mjmerge.world.checks.options``), because dm_control merges a
-car's options into it.
+Only this room knows dm_control. What a car's MJCF must hold, and what it must not, is checked before
+(``checks/file.py``) and after it is compiled (``checks/frame.py`` and those beside), and the compiled world is
+compared with the one without cars (``checks/options.py``), because dm_control merges a car's options into it.
 """
 
 from __future__ import annotations
@@ -11,24 +10,19 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import combinations
-from math import ceil
 from pathlib import Path
 from typing import Any
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from mjmerge.config import shipped
-from mjmerge.config.bounds import MOST_DASHES
 from mjmerge.errors import ModelError
-from mjmerge.scenario.load import data_sheet
+from mjmerge.roster import CARS, WHEELS
+from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.mismatch import Mismatch, Tyre
-from mjmerge.scenario.schema import CARS, Scenario
-from mjmerge.state import Array
+from mjmerge.scenario.schema import Scenario
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.vehicle.delay import asked_s, steps_late
 from mjmerge.world.checks import controls as car_controls
@@ -40,49 +34,16 @@ from mjmerge.world.checks.car import Car
 from mjmerge.world.checks.file import CarFile
 from mjmerge.world.checks.findings import Finding, told
 from mjmerge.world.checks.options import differences
-from mjmerge.world.checks.parts import (
-    BRAKE,
-    DRIVE,
-    DRIVEN,
-    NUMBERS,
-    RESISTANCE,
-    SENSORS,
-    STEER,
-    STEERED,
-    WHEELS,
-)
+from mjmerge.world.checks.parts import BRAKE, DRIVE, STEER
 from mjmerge.world.contained import contained
+from mjmerge.world.model import HARDEST, IMPRATIO, LONGEST_STEP_S, World
+from mjmerge.world.road import mark_lanes
 
 with warnings.catch_warnings():  # dm_control looks for a window on import, and warns where there is none
     warnings.filterwarnings("ignore", module="glfw")
     from dm_control import mjcf
 
-__all__ = [
-    "BRAKE",
-    "DRIVE",
-    "DRIVEN",
-    "HARDEST",
-    "IMPRATIO",
-    "LONGEST_STEP_S",
-    "NUMBERS",
-    "RESISTANCE",
-    "SENSORS",
-    "STEER",
-    "STEERED",
-    "WHEELS",
-    "World",
-    "attached",
-    "build",
-    "compose",
-    "single",
-]
 
-IMPRATIO = 0.012
-"""Of the world: low, so that the road stays hard under a tyre that slips; see ``mjmerge.plant.tyre``."""
-LONGEST_STEP_S = 0.002
-"""Of the physics, with tyres that slip; at 0.004 s a car's path is wrong by metres."""
-HARDEST = 0.9999
-"""MuJoCo's largest impedance: that of the tyres of a car that stands."""
 _PAINT = {
     "ego": (0.16, 0.62, 0.33, 1),
     "vehicle_1": (0.17, 0.38, 0.75, 1),
@@ -91,122 +52,6 @@ _PAINT = {
 """Body colour by role; the paper draws the ego green and its neighbours blue."""
 _CLEARANCE_CUTOFF_M = 100.0
 _LINE = re.compile(r", (id \d+, )?line \d+")
-
-
-@dataclass(frozen=True)
-class World:
-    """A compiled world.
-
-    Attributes:
-        model: the compiled MuJoCo model.
-        xml: the composed MJCF it was compiled from.
-        cars: names of the cars.
-        sheets: data sheet of each.
-        tyres: whether they slip.
-    """
-
-    model: mujoco.MjModel
-    xml: str
-    cars: tuple[str, ...]
-    sheets: tuple[DataSheet, ...] = field(repr=False)
-    tyres: Tyre
-
-    def number(self, name: str) -> Array:
-        """One of :data:`NUMBERS` of each car, (C,) or (C, 2)."""
-        values = np.array([self.model.numeric(f"{car}/{name}").data for car in self.cars])
-        return values[:, 0] if NUMBERS[name] == 1 else values
-
-    def cornering_stiffness_n_per_rad(self) -> Array:
-        """Of each car's front and rear axle, (C, 2); infinite where the tyres do not slip."""
-        stiffness = self.number("cornering_stiffness_n_per_rad")
-        return np.where(self.tyres == "slip", stiffness, np.inf)
-
-    def ids(self, kind: str, name: str) -> NDArray[np.intp]:
-        """Ids of what each car has at each wheel: ``ids("geom", "tyre_{}")`` is (C, 4)."""
-        found = getattr(self.model, kind)
-        return np.array([[found(f"{car}/{name.format(w)}").id for w in WHEELS] for car in self.cars])
-
-    @property
-    def pairs(self) -> NDArray[np.intp]:
-        """Ids of the contacts of the wheels with the road, (C, 4)."""
-        return np.array([[self.model.pair(f"{car}_road_{w}").id for w in WHEELS] for car in self.cars])
-
-    @cached_property
-    def centre_m(self) -> Array:
-        """The first car's centre of mass in the frame of its chassis, m, (3,)."""
-        data = mujoco.MjData(self.model)
-        mujoco.mj_forward(self.model, data)
-        chassis = self.model.body(f"{self.cars[0]}/chassis").id
-        centre: Array = data.subtree_com[chassis] - data.xpos[chassis]
-        return centre
-
-    def posture(self, car: str) -> NDArray[np.intp]:
-        """Where a car's generalised positions are, but for the angles of its wheels; x and y come first."""
-        m = self.model
-        joints = [m.joint(j) for j in range(m.njnt)]
-        mine = [j for j in joints if j.name.startswith(f"{car}/") and not j.name.startswith(f"{car}/spin_")]
-        return np.concatenate([j.qposadr[0] + np.arange(len(j.qpos0)) for j in mine])
-
-    def axle_mass_kg(self, model: mujoco.MjModel | None = None) -> Array:
-        """What stands on each car's front and rear axle, (C, 2); of another model of the same cars."""
-        model = model or self.model
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        found = []
-        for car in self.cars:
-            chassis = model.body(f"{car}/chassis")
-            front, rear = (data.site(f"{car}/{axle}_axle").xpos[0] for axle in ("front", "rear"))
-            share = (data.subtree_com[chassis.id][0] - rear) / (front - rear)
-            found.append(chassis.subtreemass[0] * np.array([share, 1 - share]))
-        return np.array(found)
-
-    def wheels_m(self) -> tuple[Array, Array]:
-        """Where the wheels are, ahead of the rear axle and left of the middle, each (C, 4)."""
-        data = mujoco.MjData(self.model)
-        mujoco.mj_kinematics(self.model, data)
-        wheels = np.array([[data.geom(f"{car}/tyre_{w}").xpos for w in WHEELS] for car in self.cars])
-        rear = np.array([data.site(f"{car}/rear_axle").xpos for car in self.cars])
-        at = wheels - rear[:, None]
-        return at[..., 0], at[..., 1]
-
-    def qpos(self, front_m: Array, heading_rad: Array, wheel_steer_rad: Array, spin_rad: Array) -> Array:
-        """Generalised positions with the cars standing on their wheels, (M, nq).
-
-        Args:
-            front_m: front-axle centres, m, (M, C, 2).
-            heading_rad: headings, rad, (M, C).
-            wheel_steer_rad: angles of the steered wheels, rad, (M, C, 2).
-            spin_rad: angle all wheels of a car have turned by, rad, (M, C).
-        """
-        m = self.model
-        qpos = np.tile(m.qpos0, (len(front_m), 1))
-        for c, car in enumerate(self.cars):
-            root = m.joint(f"{car}/free/").qposadr[0]
-            front = m.site(f"{car}/front_axle").pos[0]
-            cos, sin = np.cos(heading_rad[:, c]), np.sin(heading_rad[:, c])
-            qpos[:, root] = front_m[:, c, 0] - front * cos
-            qpos[:, root + 1] = front_m[:, c, 1] - front * sin
-            qpos[:, root + 3] = np.cos(heading_rad[:, c] / 2)
-            qpos[:, root + 6] = np.sin(heading_rad[:, c] / 2)
-            for i, wheel in enumerate(STEERED):
-                qpos[:, m.joint(f"{car}/steer_{wheel}").qposadr[0]] = wheel_steer_rad[:, c, i]
-            for wheel in WHEELS:
-                qpos[:, m.joint(f"{car}/spin_{wheel}").qposadr[0]] = spin_rad[:, c]
-        return qpos
-
-    def qvel(self, speed_mps: Array, heading_rad: Array | float = 0.0) -> Array:
-        """Generalised velocities of cars that roll straight ahead, (M, nv); speeds and headings (M, C)."""
-        m = self.model
-        qvel = np.zeros((len(speed_mps), m.nv))
-        heading = np.broadcast_to(heading_rad, speed_mps.shape)
-        for c, car in enumerate(self.cars):
-            root = m.joint(f"{car}/free/").dofadr[0]
-            qvel[:, root] = speed_mps[:, c] * np.cos(heading[:, c])
-            qvel[:, root + 1] = speed_mps[:, c] * np.sin(heading[:, c])
-            for wheel in WHEELS:
-                radius = m.geom(f"{car}/tyre_{wheel}").size[0]
-                qvel[:, m.joint(f"{car}/spin_{wheel}").dofadr[0]] = speed_mps[:, c] / radius
-        return qvel
 
 
 def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> World:
@@ -229,7 +74,7 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
         delays_s={"ego": max(m.command_delay_s for m in mismatch)},
         physics_step_s=scenario.physics_step_s,
         substeps=scenario.substeps,
-        draw=lambda root: _mark_lanes(root, scenario),
+        draw=lambda root: mark_lanes(root, scenario),
     )
 
 
@@ -254,7 +99,7 @@ def compose(
         models: car model of each car, by the car's name.
         friction: between all tyres and the road, 1.
         tyres: whether they slip.
-        delays_s: longest dead time of the commands of a car, s, by its name; see :mod:`mjmerge.vehicle.delay`.
+        delays_s: longest dead time of the commands of a car, s, by its name; see ``vehicle/delay.py``.
         physics_step_s: time step, s.
         substeps: time steps of a control step, over which the forces between the cars are kept.
         draw: adds to the picture of the road.
@@ -374,37 +219,6 @@ def _why(error: ValueError, files: Mapping[str, CarFile]) -> str:
 
 def _one_line(error: Exception) -> str:
     return "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
-
-
-def _mark_lanes(root: mjcf.RootElement, scenario: Scenario) -> None:
-    """The markings of the lanes that the cars start in, in the size of the lane."""
-    lanes = [getattr(scenario.initial, car).front_m[1] for car in CARS]
-    width = scenario.road.lane_width_m
-    low, high = min(lanes) - width / 2, max(lanes) + width / 2
-    speeds = [getattr(scenario.initial, car).speed_mps for car in CARS]
-    starts = [getattr(scenario.initial, car).front_m[0] for car in CARS]
-    begin = min(starts) - 4 * width
-    end = max(starts) + 8 * width + 1.5 * max(max(speeds), 0.0) * scenario.duration_s
-
-    def line(name: str, x: float, y: float, length: float) -> None:
-        root.worldbody.add(
-            "geom",
-            name=name,
-            type="box",
-            size=(length / 2, width / 60, width / 2400),
-            pos=(x, y, width / 2400),
-            rgba=(0.93, 0.93, 0.9, 1),
-            contype=0,
-            conaffinity=0,
-            group=2,
-        )
-
-    for name, y in (("edge_right", low), ("edge_left", high)):
-        line(name, (begin + end) / 2, y, end - begin)
-    if high - low > 1.5 * width:  # two lanes: dashes between them
-        apart = max(width, (end - begin) / MOST_DASHES)
-        for i in range(min(ceil((end - begin) / apart), MOST_DASHES)):
-            line(f"dash_{i}", begin + (i + 0.5) * apart, (low + high) / 2, width / 3)
 
 
 def _add_car(

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 import mjmerge
-from mjmerge.scenario.schema import CARS
+from mjmerge.roster import CARS
 from mjmerge.world.compose import build
 
 REPEATS = 5

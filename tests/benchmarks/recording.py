@@ -26,8 +26,9 @@ from rich.table import Table
 
 import mjmerge
 from mjmerge.record import FORMATS, Header, Outcome, Recording, versions
-from mjmerge.scenario.load import car_sheets, dump
-from mjmerge.simulation.trace import Block
+from mjmerge.scenario.cars import car_sheets
+from mjmerge.scenario.load import dump
+from mjmerge.simulation.log import Block
 from mjmerge.verdict.judge import judge
 from mjmerge.world.compose import build
 

@@ -13,10 +13,10 @@ import pytest
 import mjmerge
 from mjmerge.cli import main
 from mjmerge.config import shipped
+from mjmerge.config.acts import EVERY, listed
 from mjmerge.errors import MjmergeError, ScenarioError
 from mjmerge.gate import gate
 from mjmerge.plant import PLANTS
-from mjmerge.scenario.acts import EVERY, listed
 from mjmerge.scenario.effect import acting, declared, told, without
 from mjmerge.scenario.levels import LEVELS
 from mjmerge.scenario.mismatch import Mismatch

@@ -8,14 +8,15 @@ import pytest
 
 from mjmerge.plant import make
 from mjmerge.plant.mujoco import MuJoCo
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.levels import LEVELS, NAMES
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import SENSING, Mismatch
-from mjmerge.scenario.schema import CARS
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import Controls
-from mjmerge.vehicle.actuation import Feet, believed_sheets
+from mjmerge.vehicle.actuation import Feet
 from mjmerge.world.compose import build
 
 loop = import_module("mjmerge.simulate")  # the package has a function of that name

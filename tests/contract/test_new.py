@@ -9,7 +9,7 @@ from ruamel.yaml import YAML
 
 from mjmerge.cli import main
 from mjmerge.config import shipped
-from mjmerge.scenario.load import data_sheet
+from mjmerge.scenario.cars import data_sheet
 from mjmerge.starts.make import KINDS
 from mjmerge.vehicle.datasheet import DataSheet
 

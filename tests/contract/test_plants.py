@@ -5,11 +5,11 @@ import pytest
 
 from mjmerge import plant as plants
 from mjmerge.errors import UnknownNameError
+from mjmerge.roster import CARS, PAIRS
 from mjmerge.scenario.load import load
-from mjmerge.scenario.schema import CARS
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import COLUMNS
-from mjmerge.state import PAIRS, Controls
+from mjmerge.state import Controls
 from mjmerge.world.compose import build
 
 every_plant = pytest.mark.parametrize("name", sorted(plants.PLANTS))

@@ -12,10 +12,11 @@ from mjmerge.plant import PLANTS
 from mjmerge.plant.bicycle import Bicycle
 from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.mujoco import MuJoCo
+from mjmerge.roster import CARS
 from mjmerge.scenario.load import load
-from mjmerge.scenario.schema import CARS
+from mjmerge.simulation.log import BLOCK_S
 from mjmerge.simulation.loop import simulate
-from mjmerge.simulation.trace import BLOCK_S, COLUMNS
+from mjmerge.simulation.trace import COLUMNS
 from mjmerge.verdict.judge import judge
 from mjmerge.verdict.metrics import lateral_error_m, merged_at_s
 from mjmerge.verdict.summary import summary

@@ -13,8 +13,8 @@ from mjmerge import load, simulate
 from mjmerge.law import Sensed, decide
 from mjmerge.law.opinion_dynamics.barrier import barrier
 from mjmerge.law.opinion_dynamics.opinion import rates
-from mjmerge.scenario.load import data_sheet
-from mjmerge.scenario.schema import Law
+from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.scenario.cars import data_sheet
 
 LAW = Law(r_rho_m=-1.206, r_eta_m=1.457)
 

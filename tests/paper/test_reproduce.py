@@ -19,10 +19,10 @@ from mjmerge.figures.animation import EVERY_S, SHOWN_S, animate, ticks
 from mjmerge.figures.runs import distances
 from mjmerge.law import VARIANTS
 from mjmerge.law.opinion_dynamics import law as merge
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.paper import facts, reproduce
 from mjmerge.paper.bifurcation import branches, converging
 from mjmerge.scenario.load import load
-from mjmerge.scenario.schema import Law
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Stop
 

@@ -13,7 +13,8 @@ from mjmerge.config.frozen import Frozen
 from mjmerge.config.units import unit
 from mjmerge.drivers import kinds
 from mjmerge.errors import ModelError, ScenarioError
-from mjmerge.scenario.load import car_sheets, dump
+from mjmerge.scenario.cars import car_sheets
+from mjmerge.scenario.load import dump
 from mjmerge.scenario.schema import Belief, Scenario
 from mjmerge.simulation.trace import COLUMNS
 

@@ -11,8 +11,8 @@ from mjmerge import MjmergeError, load, simulate
 from mjmerge.errors import ScenarioError
 from mjmerge.law import VARIANTS, Sensed, advance, bifurcation_input, decide
 from mjmerge.law.opinion_dynamics.barrier import barrier
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.law.opinion_dynamics.variants import PARTS, reading
-from mjmerge.scenario.schema import Law
 
 LITERAL = Law(r_rho_m=-1.2, r_eta_m=1.4)
 ALL = [c for n in range(1, len(PARTS) + 1) for c in combinations(PARTS, n)]

@@ -13,11 +13,12 @@ import numpy as np
 from PIL import Image
 
 from mjmerge.config import shipped
-from mjmerge.figures.runs import save, sheet
+from mjmerge.figures.style import save, sheet
 from mjmerge.proving.identify import identify
 from mjmerge.proving.report import cornering, handling, longitudinal, markdown, steering
-from mjmerge.scenario.schema import CARS
-from mjmerge.world.compose import STEERED, compose
+from mjmerge.roster import CARS
+from mjmerge.world.checks.parts import STEERED
+from mjmerge.world.compose import compose
 from tests.physics.crossmodel import LOADED, MANOEUVRES, Comparison, compare
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from mjmerge.plant import make
-from mjmerge.scenario.load import data_sheet, load
-from mjmerge.scenario.schema import CARS
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.load import load
 from mjmerge.simulation.loop import simulate
 from mjmerge.state import Controls
 from mjmerge.verdict.metrics import clear_ticks_without_margin, events, touching_ticks_in_margin

@@ -7,7 +7,8 @@ from mjmerge.plant.mujoco import MuJoCo
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.vehicle.actuation import BelievedCars, command
 from mjmerge.vehicle.delay import steps_late
-from mjmerge.world.compose import BRAKE, DRIVE, STEER, single
+from mjmerge.world.checks.parts import BRAKE, DRIVE, STEER
+from mjmerge.world.compose import single
 
 STEP_S, SUBSTEPS = 0.001, 10
 LOCKED_RADPS = 1.0  # below this wheel speed a brake is a plain damper

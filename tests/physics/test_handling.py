@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mjmerge.proving.ground import G_MPS2, drive
-from mjmerge.proving.identify import read_turns
 from mjmerge.proving.manoeuvres import Scale, hold, steady_turns, turn, understeer_rad_s2_per_m
+from mjmerge.proving.readings import read_turns
 from mjmerge.world.compose import single
 from tests.physics.setups import set_up, turning_inertia_kg_m2
 

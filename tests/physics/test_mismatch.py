@@ -9,11 +9,13 @@ from mjmerge.errors import ModelError
 from mjmerge.plant.mujoco import MuJoCo
 from mjmerge.plant.truth import altered
 from mjmerge.proving.ground import wheel_loads_n
+from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.levels import LEVELS
-from mjmerge.scenario.load import data_sheet
 from mjmerge.scenario.mismatch import SENSING, Mismatch
 from mjmerge.vehicle.actuation import BelievedCars, command
-from mjmerge.world.compose import DRIVE, STEER, World, single
+from mjmerge.world.checks.parts import DRIVE, STEER
+from mjmerge.world.compose import single
+from mjmerge.world.model import World
 
 G = 9.81
 SHEET = data_sheet("rc")

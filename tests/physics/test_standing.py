@@ -7,9 +7,10 @@ import pytest
 
 from mjmerge.plant import make
 from mjmerge.proving.ground import G_MPS2, TICK_S, drive
-from mjmerge.scenario.load import data_sheet, load
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
-from mjmerge.scenario.schema import CARS
 from mjmerge.simulation.loop import simulate
 from mjmerge.vehicle.actuation import CRAWL_MPS, BelievedCars, command
 from mjmerge.world.compose import build, single

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from mjmerge.record import Header, versions
-from mjmerge.scenario.load import car_sheets
-from mjmerge.scenario.schema import CARS, Scenario
-from mjmerge.simulation.trace import COLUMNS, Block, the_truth
+from mjmerge.roster import CARS
+from mjmerge.scenario.cars import car_sheets
+from mjmerge.scenario.schema import Scenario
+from mjmerge.simulation.log import Block
+from mjmerge.simulation.trace import COLUMNS, the_truth
 
 _CAR = """
 <body name="{car}/" pos="0 {y} 0.05">

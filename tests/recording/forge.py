@@ -13,7 +13,8 @@ from mjmerge.record.recording import PosedBlock
 from mjmerge.record.scene import Scene
 from mjmerge.review.derived import cars_of, commands, geometry
 from mjmerge.review.poses import header, outcome, posed
-from mjmerge.simulation.trace import Array, the_truth
+from mjmerge.simulation.trace import the_truth
+from mjmerge.state import Array
 
 Change = Callable[[dict[str, Array]], None]
 

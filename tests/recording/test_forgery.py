@@ -20,9 +20,10 @@ from mjmerge.review.poses import outcome
 from mjmerge.review.replay import replay
 from mjmerge.review.verify import verify
 from mjmerge.run import run
-from mjmerge.scenario.load import car_sheets, dump, load
+from mjmerge.scenario.cars import car_sheets
+from mjmerge.scenario.load import dump, load
 from mjmerge.simulation.loop import simulate
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 from mjmerge.world.compose import build
 from tests.recording import rewrite
 from tests.recording.forge import Forger

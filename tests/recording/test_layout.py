@@ -22,7 +22,7 @@ from mjmerge.record.rerun.side_by_side import Side, write_comparison
 from mjmerge.record.scene import CAMERA, TARGET, Scene, closeness
 from mjmerge.run import selected
 from mjmerge.scenario.load import load
-from mjmerge.simulation.trace import BLOCK_S, block_ticks
+from mjmerge.simulation.log import BLOCK_S, block_ticks
 from mjmerge.world.compose import build
 
 from .conftest import MakeBlocks

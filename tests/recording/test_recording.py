@@ -36,10 +36,12 @@ from mjmerge.record.read import read, read_mcap, read_rrd
 from mjmerge.record.scene import Scene
 from mjmerge.record.schema import proto_text
 from mjmerge.review.view import write_view
+from mjmerge.roster import CARS
 from mjmerge.run import run as run_scenario
 from mjmerge.scenario.load import load
-from mjmerge.scenario.schema import CARS
-from mjmerge.simulation.trace import COLUMNS, Array, Block
+from mjmerge.simulation.log import Block
+from mjmerge.simulation.trace import COLUMNS
+from mjmerge.state import Array
 
 from .conftest import MakeBlocks
 from .viewer import rerun_cli

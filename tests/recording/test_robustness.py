@@ -25,7 +25,7 @@ from mjmerge.review.recover import recover, recovered_name
 from mjmerge.review.verify import verify
 from mjmerge.run import run
 from mjmerge.scenario.load import load
-from mjmerge.simulation.trace import BLOCK_S
+from mjmerge.simulation.log import BLOCK_S
 
 from .viewer import rerun_cli
 

@@ -21,7 +21,7 @@ from mjmerge.review.replay import replay
 from mjmerge.review.verify import Verified, verify
 from mjmerge.run import run
 from mjmerge.scenario.load import load
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 from tests.recording import rewrite
 from tests.recording.forge import Forger
 

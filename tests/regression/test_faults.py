@@ -35,8 +35,8 @@ def fails(folder: Path) -> dict[str, tuple[str, ...]]:
 def _fails(folder: Path) -> dict[str, tuple[str, ...]]:
     rows = [row for row in gate.rows([folder]) if row.check.name in ROWS]
     assert {row.check.name for row in rows} == set(ROWS)
-    shipped = shipped.folder("scenarios") / "baselines"
-    return {r.row.check.name: r.problems for r in gate.run(rows, shipped) if r.problems}
+    baselines = shipped.folder("scenarios") / "baselines"
+    return {r.row.check.name: r.problems for r in gate.run(rows, baselines) if r.problems}
 
 
 @pytest.fixture

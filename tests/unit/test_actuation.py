@@ -5,17 +5,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mjmerge.scenario.load import data_sheet, load
+from mjmerge.scenario.cars import believed_sheets, data_sheet
+from mjmerge.scenario.load import load
 from mjmerge.state import Cars
-from mjmerge.vehicle.actuation import (
-    CRAWL_MPS,
-    BelievedCars,
-    Feet,
-    ackermann,
-    actuate,
-    believed_sheets,
-    bicycle_angle,
-)
+from mjmerge.vehicle.actuation import CRAWL_MPS, BelievedCars, Feet, ackermann, actuate, bicycle_angle
 
 SHEET = data_sheet("rc")
 H, EPS_V = 0.01, 0.1

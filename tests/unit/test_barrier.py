@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from mjmerge.law import Sensed, decide
 from mjmerge.law.opinion_dynamics.barrier import barrier
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.kinematic import Arrivals
 from mjmerge.scenario.mismatch import Mismatch
-from mjmerge.scenario.schema import Law
 from mjmerge.state import Controls
 
 ALONE = Law(k_p=0, k_v=0, r_rho_m=-1.2, r_eta_m=0.0)

@@ -8,8 +8,8 @@ import pytest
 from mjmerge.config import shipped
 from mjmerge.errors import ModelError
 from mjmerge.proving.identify import identify
+from mjmerge.roster import CARS
 from mjmerge.scenario.load import load
-from mjmerge.scenario.schema import CARS
 from mjmerge.world.compose import build, compose, single
 
 WORLDBODY = "<worldbody>"

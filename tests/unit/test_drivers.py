@@ -19,7 +19,8 @@ from mjmerge.drivers.lane import keep_lane
 from mjmerge.drivers.speeds import Change, Speeds
 from mjmerge.drivers.steady import Steady
 from mjmerge.errors import MjmergeError
-from mjmerge.scenario.load import car_sheets, load
+from mjmerge.scenario.cars import car_sheets
+from mjmerge.scenario.load import load
 
 
 def example(kind):

@@ -15,8 +15,8 @@ from mjmerge.cli import main
 from mjmerge.config import shipped
 from mjmerge.errors import MjmergeError, ScenarioError, UnknownNameError
 from mjmerge.gate import baseline, gate
+from mjmerge.gate.report import gate_failure
 from mjmerge.simulation.trace import Stop
-from mjmerge.verdict.summary import gate_failure
 
 pytest_plugins = ["pytester"]
 

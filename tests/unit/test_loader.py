@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from mjmerge.config import shipped
 from mjmerge.config.document import parse
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError
-from mjmerge.scenario.load import data_sheet, dump, json_schema, load
+from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.load import dump, json_schema, load
 from mjmerge.scenario.schema import Scenario
 
 BASE = """\

@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mjmerge.law import Sensed, decide
-from mjmerge.scenario.schema import Law
+from mjmerge.law.opinion_dynamics.parameters import Law
 
 LAW = Law(r_rho_m=-1.2, r_eta_m=1.4)
 MIRRORED = LAW.model_copy(update={"r_eta_m": -1.4})

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjmerge.law import advance, bifurcation_input
-from mjmerge.scenario.schema import Law
+from mjmerge.law.opinion_dynamics.parameters import Law
 
 LAW = Law(r_rho_m=-1.2, r_eta_m=1.4)
 MU_MAX = LAW.k_s / LAW.k_mu  # where mu goes while its input is largest

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.law.opinion_dynamics.tracking import target, track, weight
-from mjmerge.scenario.schema import Law
 
 LAW = Law(r_rho_m=-1.2, r_eta_m=1.4)
 number = st.floats(-10, 10)

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from mjmerge.config import shipped
 from mjmerge.plant.truth import Truth
 from mjmerge.plant.tyre import ADDED_MASS, FASTEST_PER_S, OUT_OF_REACH, front_stiffness
-from mjmerge.world.compose import HARDEST, IMPRATIO, single
+from mjmerge.world.compose import single
+from mjmerge.world.model import HARDEST, IMPRATIO
 
 NAMES = sorted(shipped.models())
 TYRES = {name: Truth.of(single(name), None).tyres for name in NAMES}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjmerge.scenario.load import data_sheet
+from mjmerge.scenario.cars import data_sheet
 from mjmerge.simulation.trace import Stop
 from mjmerge.verdict.hypotheses import HYPOTHESES, asked
 from mjmerge.verdict.hypotheses import broken as marks

@@ -8,11 +8,14 @@ import pytest
 
 from mjmerge.config import shipped
 from mjmerge.errors import ModelError
-from mjmerge.scenario.load import data_sheet, load
+from mjmerge.roster import CARS, WHEELS
+from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
-from mjmerge.scenario.schema import CARS
 from mjmerge.vehicle.actuation import ackermann
-from mjmerge.world.compose import DRIVE, DRIVEN, IMPRATIO, STEER, WHEELS, build, compose
+from mjmerge.world.checks.parts import DRIVE, DRIVEN, STEER
+from mjmerge.world.compose import build, compose
+from mjmerge.world.model import IMPRATIO
 
 
 @pytest.fixture(scope="module")

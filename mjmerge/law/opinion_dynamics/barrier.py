@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.law.opinion_dynamics.variants import reading
-from mjmerge.scenario.schema import Law
 from mjmerge.state import LEAST, Array, nonzero
 
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from mjmerge.law.opinion_dynamics.barrier import barrier
 from mjmerge.law.opinion_dynamics.opinion import bifurcation_input
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.law.opinion_dynamics.tracking import target, track, weight
 from mjmerge.law.opinion_dynamics.variants import reading
-from mjmerge.scenario.schema import Law
 from mjmerge.state import Array, Cars, dot, norm
 
 

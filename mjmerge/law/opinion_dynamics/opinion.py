@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.law.opinion_dynamics.variants import reading
-from mjmerge.scenario.schema import Law
 from mjmerge.state import Array, limit, nonzero
 
 _MAX_EXPONENT = 600.0  # exp() of much more overflows; z is 0 or mu to the last bit long before

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjmerge.scenario.schema import Law
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.state import Array
 
 RHO = np.array([1.0, 0.0])

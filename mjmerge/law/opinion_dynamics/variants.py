@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from mjmerge.errors import MjmergeError, nearest
-from mjmerge.scenario.schema import Law
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.state import Array
 
 LITERAL = "literal"

@@ -10,7 +10,7 @@ from foxglove import layouts as fox
 from mjmerge.record import plots
 from mjmerge.record.plots import Plot
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 
 FILE = Path(__file__).with_name("foxglove.json")
 """The layout as a file: that of the ``paper`` scenario."""

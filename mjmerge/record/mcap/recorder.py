@@ -25,7 +25,7 @@ from mjmerge.record.mcap import foxglove as foxglove_layout
 from mjmerge.record.mcap.wire import Layout
 from mjmerge.record.recording import Header, Outcome, PosedBlock, nanoseconds
 from mjmerge.record.scene import DISC_RGBA, Frame, Scene, Shape, closeness
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 
 WORLD = "world"
 _CHUNK_BYTES = 256 * 1024

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 
 _VARINT, _FIXED64, _BYTES = 0, 1, 2
 _NS_PER_S = 1_000_000_000

@@ -16,7 +16,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mjmerge.record import schema
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 
 
 class Ready:

@@ -19,8 +19,8 @@ from mjmerge.record.recording import Header, PosedBlock
 from mjmerge.record.rerun import arrow, layout
 from mjmerge.record.rerun.arrow import Template
 from mjmerge.record.scene import DISC_RGBA, Scene, Shape
-from mjmerge.scenario.schema import CARS
-from mjmerge.simulation.trace import Array
+from mjmerge.roster import CARS
+from mjmerge.state import Array
 from mjmerge.verdict import phases
 
 Still = list[tuple[str, rr.AsComponents]]

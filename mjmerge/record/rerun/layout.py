@@ -13,7 +13,7 @@ from mjmerge.record import plots, schema
 from mjmerge.record.plots import Line, Plot
 from mjmerge.record.rerun import arrow
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 from mjmerge.verdict.hypotheses import HYPOTHESES
 from mjmerge.verdict.phases import NAMES
 

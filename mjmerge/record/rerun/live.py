@@ -22,7 +22,7 @@ from mjmerge.record.recording import Header, Outcome, pose
 from mjmerge.record.rerun import viewer
 from mjmerge.record.rerun.viewer import HOST
 from mjmerge.record.scene import Scene
-from mjmerge.simulation.trace import GLIMPSE_S, Block
+from mjmerge.simulation.log import GLIMPSE_S, Block
 
 APPLICATION = "mjmerge_live"
 _BACKLOG_S = 30.0
@@ -177,7 +177,7 @@ def _await(port: int, patience_s: float, started: subprocess.Popen[bytes] | None
 
 
 def main() -> None:
-    """The process that talks to the viewer: ``python -m mjmerge.record.rerun.live [PORT]``, the run on stdin."""
+    """The process that talks to the viewer: ``python -m`` this module, ``[PORT]``, the run on stdin."""
     port, started = (int(sys.argv[1]), None) if len(sys.argv) > 1 else _open_viewer()
     if not _await(port, _START_S if started else _KNOCK_S, started):
         why = "; a viewer needs a display" if started else ""

@@ -22,7 +22,7 @@ from mjmerge.record.contents import NS_PER_S, Found, Ticks
 from mjmerge.record.manifest import SCHEMA_VERSION
 from mjmerge.record.mcap.file import TooLargeError
 from mjmerge.record.rerun.file import whole_frames
-from mjmerge.simulation.trace import Array
+from mjmerge.state import Array
 from mjmerge.verdict.phases import ENDED, NAMES
 
 if TYPE_CHECKING:

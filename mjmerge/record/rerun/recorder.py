@@ -20,9 +20,10 @@ import numpy as np
 import rerun as rr
 
 from mjmerge.errors import OutputError, RecordingError
+from mjmerge.outputs import WHOLE
 from mjmerge.record import plots, report
-from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, git_revision, manifest
-from mjmerge.record.recording import WHOLE, Header, Outcome, PosedBlock, join, nanoseconds
+from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
+from mjmerge.record.recording import Header, Outcome, PosedBlock, join, nanoseconds
 from mjmerge.record.rerun import layout
 from mjmerge.record.rerun.draw import (
     Still,
@@ -38,9 +39,11 @@ from mjmerge.record.rerun.draw import (
 )
 from mjmerge.record.rerun.stream import new_stream, save, send_layout
 from mjmerge.record.scene import Scene, closeness
-from mjmerge.scenario.schema import CARS
-from mjmerge.simulation.trace import BLOCK_S, Array
+from mjmerge.roster import CARS
+from mjmerge.simulation.log import BLOCK_S
+from mjmerge.state import Array
 from mjmerge.verdict.metrics import Event
+from mjmerge.versions import git_revision
 
 APPLICATION = "mjmerge_run"
 """Of the layout: an open viewer keeps the first layout it saw under a name."""

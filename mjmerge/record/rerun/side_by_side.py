@@ -24,7 +24,7 @@ from mjmerge.record.rerun.draw import send_frames, send_levels, send_numbers, st
 from mjmerge.record.rerun.recorder import CHUNK_TICKS
 from mjmerge.record.rerun.stream import new_stream, save
 from mjmerge.record.scene import TARGET, Scene
-from mjmerge.simulation.trace import NEIGHBOURS
+from mjmerge.roster import NEIGHBOURS
 from mjmerge.verdict.metrics import MERGED_M
 
 APPLICATION = "mjmerge_compare"

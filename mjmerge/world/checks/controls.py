@@ -8,10 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjmerge.roster import WHEELS
 from mjmerge.vehicle.actuation import ackermann
 from mjmerge.world.checks.car import SAME, Car, off
 from mjmerge.world.checks.findings import Finding
-from mjmerge.world.checks.parts import BRAKE, DRIVE, DRIVEN, SENSORS, STEER, STEERED, WHEELS
+from mjmerge.world.checks.parts import BRAKE, DRIVE, DRIVEN, SENSORS, STEER, STEERED
 
 Kind = mujoco.mjtObj
 NONE = mujoco.mjtDyn.mjDYN_NONE

@@ -17,8 +17,9 @@ from typing import Any
 from lxml import etree
 
 from mjmerge.errors import ModelError, nearest
+from mjmerge.roster import WHEELS
 from mjmerge.world.checks.findings import Finding
-from mjmerge.world.checks.parts import BRAKE, DRIVE, NUMBERS, RESISTANCE, SENSORS, STEER, STEERED, WHEELS
+from mjmerge.world.checks.parts import BRAKE, DRIVE, NUMBERS, RESISTANCE, SENSORS, STEER, STEERED
 
 _WORLDS = {
     "option": "the scenario sets the world's options (physics_step_s; mismatch.grade_rad for a slope)",

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from mjmerge.world.checks.parts import WHEELS
+from mjmerge.roster import WHEELS
 
 MOST_NAMED = 6
 """Parts that one line names; of more it says how many."""

@@ -8,9 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjmerge.roster import WHEELS
 from mjmerge.world.checks.car import SAME, STRAIGHT, Car, off, shape
 from mjmerge.world.checks.findings import Finding
-from mjmerge.world.checks.parts import SITES, WHEELS
+from mjmerge.world.checks.parts import SITES
 
 _HULL_CONTACT: dict[str, Any] = {
     "condim": 3,

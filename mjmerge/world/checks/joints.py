@@ -8,9 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjmerge.roster import WHEELS
 from mjmerge.world.checks.car import SAME, Car
 from mjmerge.world.checks.findings import Finding
-from mjmerge.world.checks.parts import STEERED, WHEELS
+from mjmerge.world.checks.parts import STEERED
 
 SPIN_TILT = 0.9962
 """Least cosine between a wheel's axle and the car's y: 5 degrees of camber and toe together."""

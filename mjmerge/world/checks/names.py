@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from mjmerge.errors import nearest
+from mjmerge.roster import WHEELS
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.world.checks.file import CarFile
 from mjmerge.world.checks.findings import Finding, listed, told
-from mjmerge.world.checks.parts import DRIVE, DRIVEN, NUMBERS, WHEELS, names
+from mjmerge.world.checks.parts import DRIVE, DRIVEN, NUMBERS, names
 
 MOST_MISSING = 8
 """Names that are missing and told one by one; of more, kind by kind."""

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjmerge.world.checks.parts import WHEELS
+from mjmerge.roster import WHEELS
 
 _NOTHING_OF = {
     "nexclude": "contact exclusions",

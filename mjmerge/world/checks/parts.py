@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-"""Order of every wheel axis."""
+from mjmerge.roster import WHEELS
+
 STEERED = WHEELS[:2]
 DRIVEN = {"all": (0, 1, 2, 3), "front": (0, 1), "rear": (2, 3)}
 """Driven wheels by what a data sheet calls them."""

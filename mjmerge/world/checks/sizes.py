@@ -10,9 +10,9 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
+from mjmerge.roster import WHEELS
 from mjmerge.world.checks.car import SAME, STRAIGHT, Car, off, shape
 from mjmerge.world.checks.findings import Finding
-from mjmerge.world.checks.parts import WHEELS
 
 SAME_INERTIA = 0.05
 """The same as SAME, of the yaw inertia, which is estimated more often than it is measured."""

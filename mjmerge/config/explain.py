@@ -1,0 +1,114 @@
+"""What pydantic found wrong, in our words: the key as written, what it must be, what was there instead."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple, get_args, get_origin
+
+from pydantic_core import ErrorDetails
+
+from mjmerge.config.document import described, scalar
+from mjmerge.config.frozen import Frozen
+from mjmerge.errors import nearest
+
+
+class _Spot(NamedTuple):
+    """What stands at one of pydantic's locations: the key as the user knows it, and its schema."""
+
+    key: str
+    field: str
+    holder: type[Frozen]
+    inside: list[type[Frozen]]
+
+
+def _spot(model: type[Frozen], location: tuple[int | str, ...]) -> _Spot:
+    """Follow a location through the schema; at a choice of drivers, pydantic puts the kind in between."""
+    keys: list[str] = []
+    field, holder, inside = "", model, [model]
+    named = False  # whether the next part is a name that the user chose
+    for part in location:
+        if isinstance(part, int) or named or not inside:
+            keys.append(str(part))
+            named = False
+        elif len(inside) > 1:
+            inside = [kind for kind in inside if _kind(kind) == part]
+        else:
+            field, holder = part, inside[0]
+            keys.append(part)
+            info = holder.model_fields.get(part)
+            inside = list(_models_in(info.annotation)) if info else []
+            named = info is not None and get_origin(info.annotation) is dict
+    return _Spot(".".join(keys), field, holder, inside)
+
+
+def _models_in(annotation: Any) -> Iterator[type[Frozen]]:
+    """The models that an annotation is made of: one for a section, several for a choice of drivers."""
+    if isinstance(annotation, type) and issubclass(annotation, Frozen):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models_in(part)
+
+
+def _kind(driver: type[Frozen]) -> str:
+    kind: str = driver.model_fields["kind"].default
+    return kind
+
+
+_MUST = {
+    "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+    "too_long": "must have {max_length} items",
+    "string_too_short": "must not be empty",
+    "string_too_long": "must have at most {max_length} letters",
+    "bool_type": "must be true or false",
+    "int_from_float": "must be a whole number",
+    "too_short": "must have at least {min_length} item",
+    "int_type": "must be a whole number",
+    "dict_type": "must be a mapping of keys",
+    "model_type": "must be a mapping of keys",
+    "model_attributes_type": "must be a mapping of keys",
+    "literal_error": "must be {expected}",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+}
+"""The start of a message, by pydantic's type of error; its end says what was there instead."""
+
+
+def _explained(model: type[Frozen], error: ErrorDetails) -> tuple[str, str]:
+    """Message and key of one of pydantic's errors."""
+    spot, given = _spot(model, error["loc"]), error["input"]
+    match error["type"]:
+        case "missing":
+            what = spot.holder.model_fields[spot.field].description
+            if not what and len(spot.inside) == 1:
+                what = (spot.inside[0].__doc__ or "").partition("\n")[0]
+            return f"missing; {what}" if what else "missing", spot.key
+        case "extra_forbidden":
+            return f"unknown key; {nearest(spot.field, spot.holder.model_fields)}", spot.key
+        case "union_tag_not_found":
+            return f"missing; one of {', '.join(sorted(map(_kind, spot.inside)))}", f"{spot.key}.kind"
+        case "union_tag_invalid":
+            kind = str(given["kind"])
+            kinds = map(_kind, spot.inside)
+            return f"no driver kind called {kind!r}: {nearest(kind, kinds)}", f"{spot.key}.kind"
+    if error["type"] in _MUST:
+        must = _MUST[error["type"]].format(**error.get("ctx", {}))
+    else:
+        must = error["msg"].removeprefix("Value error, ")
+    return f"{must}, got {described(given)}{_hint(error['type'], given)}", spot.key
+
+
+def _hint(error: str, given: object) -> str:
+    """What was probably meant by a value of the wrong type."""
+    if error == "float_type" and isinstance(given, str):
+        if isinstance(scalar(given), int | float):
+            return "; drop the quotes"
+        if given.lower() in ("yes", "no", "on", "off", "y", "n"):
+            return "; YAML 1.2 reads that as text"
+    if error == "string_type" and isinstance(given, int | float):
+        return "; put it in quotes"
+    return ""

@@ -1,0 +1,89 @@
+"""What all figures have in common: colours, sheets, and how they are saved, as tables too."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mjmerge.outputs import written
+from mjmerge.state import Array
+
+if TYPE_CHECKING:
+    pass
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+COLOURS = {"ego": "#2a9d55", "vehicle_1": "#2c61bf", "vehicle_2": "#d97321"}
+
+
+OPINION = "#7b3fa0"
+
+
+MU = "#999999"
+
+
+LINE = "#c00000"
+"""The lane of the vehicles, and the margin."""
+
+
+_DPI = 110
+
+
+PALE: dict[str, Any] = {"linewidth": 5, "alpha": 0.3, "solid_capstyle": "butt"}
+
+
+def words(text: str) -> str:
+    """A name in a figure as it is: matplotlib would read formulas between dollar signs."""
+    return text.replace("$", "\\$")
+
+
+def sheet(heights: Sequence[float], height_in: float, columns: int = 1) -> tuple[Figure, Any]:
+    """An empty figure and its axes: panels of these relative heights over one time axis, or columns."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = {"height_ratios": heights}
+    axes = figure.subplots(len(heights), columns, sharex=columns == 1, squeeze=False, gridspec_kw=grid)
+    for panel in axes.flat:
+        panel.grid(alpha=0.25)
+        panel.margins(x=0)
+    return figure, axes[0] if columns > 1 else axes[:, 0]
+
+
+def save(figure: Figure, path: Path, ending: str = "") -> None:
+    """As PNG or PDF, by the path's ending unless given; the same figure gives the same bytes, whenever."""
+    nothing = {
+        ".png": {"Software": None},
+        ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    }
+    ending = ending or path.suffix
+    with written(path) as partial:
+        figure.savefig(partial, dpi=_DPI, metadata=nothing[ending], format=ending[1:])
+
+
+def save_columns(columns: Mapping[str, Array], path: Path) -> None:
+    """As CSV, a header of names that end in their units, and every number in full.
+
+    Args:
+        columns: one-dimensional, all of one length.
+        path: file to write.
+    """
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    save_rows(chain([columns], rows), path)
+
+
+def save_rows(rows: Iterable[Iterable[object]], path: Path) -> None:
+    """As CSV, every row on a line.
+
+    Args:
+        rows: the header, and what stands below it.
+        path: file to write.
+    """
+    with written(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)

@@ -1,0 +1,56 @@
+"""The data sheets of a scenario's cars: what is on file, and what is believed."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from mjmerge.config import shipped
+from mjmerge.config.read import LARGEST_FILE_BYTES, raise_problems, read, validated
+from mjmerge.roster import CARS
+from mjmerge.scenario.schema import Scenario
+from mjmerge.vehicle.datasheet import DataSheet
+
+
+def data_sheet(model: str) -> DataSheet:
+    """Read a car model's data sheet.
+
+    Args:
+        model: a shipped model's name, or the path of its folder.
+
+    Raises:
+        ScenarioError: with every problem found in it.
+        UnknownNameError: there is no such model.
+    """
+    path = shipped.model_folder(model) / "datasheet.yaml"
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE_BYTES + 1)
+    except OSError:
+        content = b""
+    return _data_sheet(path, content)
+
+
+@lru_cache(maxsize=32)  # three cars, and the loader, the world, the belief and the judge ask for each
+def _data_sheet(path: Path, content: bytes) -> DataSheet:
+    """What the file says; by its content, so that a file that has changed is read again."""
+    del content
+    document = read(path)
+    sheet = validated(DataSheet, document)
+    raise_problems(path, document)
+    assert sheet is not None, "what is not valid has problems"
+    return sheet
+
+
+def car_sheets(scenario: Scenario) -> list[DataSheet]:
+    """The data sheet of each of a scenario's cars, at its size; as recorded, if it comes from a recording."""
+    if scenario.sheets is not None:
+        return list(scenario.sheets)
+    return [data_sheet(getattr(scenario.models, car)).sized(scenario.models.size) for car in CARS]
+
+
+def believed_sheets(scenario: Scenario) -> list[DataSheet]:
+    """Data sheet of each car, the ego's with what the scenario's ``belief`` says otherwise."""
+    sheets = car_sheets(scenario)
+    sheets[0] = sheets[0].model_copy(update=scenario.belief.model_dump(exclude_none=True))
+    return sheets

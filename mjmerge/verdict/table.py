@@ -1,0 +1,101 @@
+"""What a run's table says, on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import degrees
+from typing import TYPE_CHECKING, Any
+
+from mjmerge.roster import NEIGHBOURS
+from mjmerge.verdict.metrics import MERGED_M, TURNED_RAD
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def metres(value: float | None) -> str:
+    """A length in words; a dash for none."""
+    return "-" if value is None else f"{value:.3f} m"
+
+
+def seconds(value: float | None) -> str:
+    """A time in words; a dash for none."""
+    return "-" if value is None else f"{value:.2f} s"
+
+
+def table(found: dict[str, Any]) -> Table:
+    """The summary as a table for the terminal."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    good = found["floor_held"]
+    grid = Table(show_header=False, box=None, pad_edge=False)
+    grid.add_column(style="bold")
+    grid.add_column()
+    for j, car in enumerate(NEIGHBOURS):
+        least, at = found["min_distance_m"][car], found["t_min_distance_s"][car]
+        grid.add_row(f"min d_{j + 1}", f"{metres(least)} at {seconds(at)}  (to {car})")
+    clearance = found["min_clearance_m"]
+    grid.add_row("body clearance", "- (no bodies)" if clearance is None else metres(clearance))
+    if found["collisions"]:
+        grid.add_row("collisions", _collided(found["collisions"], found["runs"]))
+    merged = found["merged_at_s"]
+    turned = found["turned_rad"]
+    said = f"at {seconds(merged)} (lateral error < {MERGED_M} m)" if merged is not None else "no"
+    if turned is not None and abs(turned) > TURNED_RAD:
+        said += f"; it turned {degrees(turned):.0f} degrees off the road"
+    grid.add_row("merged", said)
+    busy = [f"{car} {seconds(s)}" for car, s in found["saturated_s"].items() if s]
+    grid.add_row("saturated", ", ".join(busy) or "never")
+    grid.add_row("hypotheses", _broken(found["hypotheses"]))
+    grid.add_row("decision", _hesitation(found["decision"]))
+    if found.get("distinct_runs", found["runs"]) < found["runs"]:
+        grid.add_row("distinct runs", "1: nothing is random here, and every seed gives the same run")
+    if found.get("no_effect"):
+        grid.add_row("no effect", escape(", ".join(found["no_effect"])))
+    reasons = [found["reason"], *found.get("verdict_doubts", ())]
+    grid.add_row("verdict", escape(f"{found['verdict']}: {'; but '.join(reasons)}"))
+    if found["runs"] > 1:
+        grid.add_row("verdicts", ", ".join(f"{n} {v}" for v, n in found["verdicts"].items()))
+        grid.add_row("worst run", f"seed {found['worst_seed']}")
+    for stop in found["stops"][:5]:
+        what = f"seed {stop['seed']} at {seconds(stop['time_s'])}: {stop['car']}, {stop['reason']}"
+        grid.add_row("stopped", escape(what))
+    floor = f"{found['floor_m']:.3f} m " + ("held" if good else "BROKEN")
+    if found["runs"] > 1:
+        floor += f" in {found['floor_held_runs']} of {found['runs']} runs"
+    grid.add_row("safety floor", f"[{'green' if good else 'red'}]{floor}[/]")
+    grid.add_row("real time", f"x {found['real_time_factor']:.1f}")
+    return grid
+
+
+def _collided(collisions: Sequence[Mapping[str, Any]], runs: int) -> str:
+    """Who touched whom, when, and how fast; the first four of them."""
+    said = []
+    for c in collisions[:4]:
+        fast = "" if c["speed_mps"] is None else f" at {c['speed_mps']:.2f} m/s"
+        seed = f" (seed {c['seed']})" if runs > 1 else ""
+        said.append(f"{c['a']} and {c['b']} at {seconds(c['time_s'])}{fast}{seed}")
+    more = f" and {len(collisions) - 4} more" if len(collisions) > 4 else ""
+    return ", ".join(said) + more
+
+
+def _broken(hypotheses: Mapping[str, float | None]) -> str:
+    """Which hypotheses broke, and when; the first three of them."""
+    broke = sorted((at, name) for name, at in hypotheses.items() if at is not None)
+    if not broke:
+        return f"all {len(hypotheses)} held"
+    more = f" and {len(broke) - 3} more" if len(broke) > 3 else ""
+    return ", ".join(f"'{name}' broken at {at:.2f} s" for at, name in broke[:3]) + more
+
+
+def _hesitation(found: Mapping[str, float | bool | None]) -> str:
+    """The decision metrics in a line."""
+    words = {
+        "wrong_sign_s": "driven the wrong way for",
+        "refusal_memory_s": "slow to trust again by",
+        "abort_s": "slow to abort by",
+        "straddling_s": "between the lanes for",
+    }
+    said = [f"{word} {found[key]:.2f} s" for key, word in words.items() if found[key]]
+    return ", ".join(said + ["z underflowed"] * bool(found["underflow"])) or "nothing to report"
