@@ -1,4 +1,4 @@
-"""The paper's law, one file per part: opinion, barrier, tracking, and merge, which puts them together.
+"""Laws. The paper's is in ``opinion_dynamics``, one file per part, and ``law.py``, which puts them together.
 
 What each named reading of it is for stands in :data:`VARIANTS`; ``mjmerge list laws`` shows it.
 """

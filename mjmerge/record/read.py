@@ -1,6 +1,6 @@
 """Recordings back into numbers, finished or not.
 
-Nothing but the file is read, by ``from_mcap.py`` or ``from_rrd.py``. What a killed run left is read up to
+Nothing but the file is read, by ``mcap/reader.py`` or ``rerun/reader.py``. What a killed run left is read up to
 where it was cut off.
 """
 

@@ -3,8 +3,8 @@
 The law and the actuation never see any of this. What is under "the road", "the air" and "the ego" changes the
 physics (:mod:`mjmerge.plant.mujoco`), what is under "what the ego measures" changes what the law is told
 (:mod:`mjmerge.simulation.sensing`). Every axis says which plants have it, and what else it needs to mean
-anything; in continuous time there is no mismatch. What the ego believes of itself is ``belief`` in the scenario, and the
-control rate is ``control_step_s``.
+anything; in continuous time there is no mismatch. What the ego believes of itself is ``belief`` in the
+scenario, and the control rate is ``control_step_s``.
 
 In a batch every simulation may have its own.
 """

@@ -1,8 +1,9 @@
 """One MJCF world from a scenario: a road and its cars, composed with ``dm_control.mjcf``.
 
 Only this room knows dm_control. What a car's MJCF must hold, and what it must not, is checked before
-(``checks/file.py``) and after it is compiled (``checks/frame.py`` and those beside), and the compiled world is
-compared with the one without cars (``checks/options.py``), because dm_control merges a car's options into it.
+(``checks/file.py``) and after it is compiled (``checks/frame.py`` and those beside), and the compiled world
+is compared with the one without cars (``checks/options.py``), because dm_control merges a car's options into
+it.
 """
 
 from __future__ import annotations

@@ -159,7 +159,7 @@ def test_an_axis_without_what_gives_it_a_meaning_changes_nothing_and_says_so(mon
             mjmerge.simulate(HARD, "mujoco", cases=[(0, mismatch)])
         cases += [mismatch, acting(scenario, "mujoco").mismatch]
         assert cases[-1] != cases[-2]
-    monkeypatch.setattr(import_module("mjmerge.simulate"), "check_effect", lambda *_, **__: None)
+    monkeypatch.setattr(import_module("mjmerge.simulation.loop"), "check_effect", lambda *_, **__: None)
     trace = mjmerge.simulate(HARD, "mujoco", cases=[(0, m) for m in cases])
     for i in range(0, len(cases), 2):
         assert motion(trace, i) == motion(trace, i + 1), cases[i]

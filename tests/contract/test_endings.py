@@ -230,7 +230,7 @@ def test_what_a_file_says_cannot_move_the_cursor(capsys):
         ("kill -9 $$", "mjmerge: the process that draws was ended by signal 9: out of memory?"),
         (
             "echo 'KeyError: 3' >&2; exit 1",
-            "mjmerge: a mistake of mjmerge, not of yours: RuntimeError in mjmerge/video",
+            "mjmerge: a mistake of mjmerge, not of yours: RuntimeError in mjmerge/review/video",
         ),
     ],
 )

@@ -19,7 +19,7 @@ from mjmerge.state import Controls
 from mjmerge.vehicle.actuation import Feet
 from mjmerge.world.compose import build
 
-loop = import_module("mjmerge.simulate")  # the package has a function of that name
+loop = import_module("mjmerge.simulation.loop")
 NOTHING = Mismatch()
 PHYSICS = {name for name in Mismatch.model_fields if name not in SENSING}
 MIX = (

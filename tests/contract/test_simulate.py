@@ -306,7 +306,7 @@ def test_progress_tells_simulated_time_in_order():
 
 
 def test_the_law_is_given_what_is_sensed_its_gains_and_its_opinion_and_nothing_else(monkeypatch, short_world):
-    loop = import_module("mjmerge.simulate")
+    loop = import_module("mjmerge.simulation.loop")
     calls, decide = [], loop.decide
     monkeypatch.setattr(loop, "decide", lambda *given: calls.append(given) or decide(*given))
     scenario = load("paper", ["duration_s=0.1", "mismatch.friction=0.3"])

@@ -157,7 +157,7 @@ def test_stopped_while_a_process_is_half_started_it_ends_without_a_traceback(fil
 def test_another_campaign_scenario_or_version_in_the_same_folder_is_refused(file, tmp_path, monkeypatch):
     scenario = tmp_path / "mine.yaml"
     scenario.write_text(
-        "description: mine\n" + (campaign.share.folder("scenarios") / "paper.yaml").read_text()
+        "description: mine\n" + (campaign.shipped.folder("scenarios") / "paper.yaml").read_text()
         .replace("description:", "# ")
     )  # fmt: skip
     text = "blocks: [{scenarios: [mine.yaml], plants: [double_integrator], set: {duration_s: 0.2}}]"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mjmerge import law
 from mjmerge.cli import main
+from mjmerge.law.opinion_dynamics import law
 from mjmerge.verdict.hypotheses import HYPOTHESES
 from mjmerge.verdict.judge import VERDICTS
 
@@ -38,7 +38,7 @@ def test_every_verdict_has_a_run_that_shows_it_but_for_the_one_that_no_run_has()
 
 
 def test_a_barrier_with_the_wrong_sign_is_refuted_as_the_page_says(monkeypatch, capsys):
-    monkeypatch.setattr(law.merge, "barrier", law.merge.barrier)  # put back afterwards
+    monkeypatch.setattr(law, "barrier", law.barrier)  # put back afterwards
     exec(block("refuted"), {})
     assert capsys.readouterr().out == "refuted\n"
 

@@ -81,9 +81,14 @@ def test_the_gate_fails_with_a_fault_sown_and_passes_when_it_is_undone(scratch, 
 
 
 WRONG_SIGNS = {
-    "in the barrier": ("law/merge.py", "barrier(law, seen.g,", "barrier(law, -seen.g,", "below the floor"),
+    "in the barrier": (
+        "law/opinion_dynamics/law.py",
+        "barrier(law, seen.g,",
+        "barrier(law, -seen.g,",
+        "below the floor",
+    ),
     "everywhere": (
-        "law/merge.py",
+        "law/opinion_dynamics/law.py",
         "g = _unit(e, distance)",
         "g = -_unit(e, distance)",
         "off the rate of d_j",
