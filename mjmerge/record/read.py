@@ -1,7 +1,7 @@
 """Recordings back into numbers, finished or not.
 
-Nothing but the file is read, by ``mcap/reader.py`` or ``rerun/reader.py``. What a killed run left is read up to
-where it was cut off.
+Nothing but the file is read, by ``mcap/reader.py`` or ``rerun/reader.py``. What a killed run left is read up
+to where it was cut off.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from mjmerge.versions import versions
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_NOT_OF_A_ROW = ("cli", "figures", "review", "starts")
 PLAN, SHARDS, TABLE = "plan.json", "shards", "table.parquet"
 
 
@@ -39,11 +40,7 @@ def identity(plan: Plan) -> dict[str, Any]:
         "campaign": _digest(json.dumps([plan.name, runs])),
         "scenarios": _digest(json.dumps(scenarios)),
         "car models": _digest(
-            *(
-                p.read_bytes()
-                for name in sorted(models)
-                for p in sorted(shipped.model_folder(name).glob("*.*"))
-            )
+            *(path.read_bytes() for name in sorted(models) for path in _files(shipped.model_folder(name)))
         ),
         "mjmerge's code": _digest(*(p.read_bytes() for p in code_files())),
         "versions": versions(),
@@ -51,9 +48,16 @@ def identity(plan: Plan) -> dict[str, Any]:
 
 
 def code_files() -> list[Path]:
-    """What a row may depend on of this package: all of it but the command line."""
+    """What a row may depend on of this package: all of it but the command line, pictures and what reads."""
     package = Path(__file__).parents[1]
-    return [p for p in sorted(package.rglob("*.py")) if package / "cli" not in p.parents]
+    others = {package / room for room in _NOT_OF_A_ROW}
+    return [path for path in sorted(package.rglob("*.py")) if others.isdisjoint(path.parents)]
+
+
+def _files(folder: Path) -> list[Path]:
+    """Everything in a folder and below it, but for what is hidden."""
+    found = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    return [folder / path for path in found if not any(part.startswith(".") for part in path.parts)]
 
 
 def _digest(*parts: bytes | str) -> str:

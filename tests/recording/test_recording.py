@@ -304,7 +304,7 @@ def test_rerun_switched_off_is_a_failure(tmp_path: Path) -> None:
     code = """
 import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])
 import conftest, mujoco
-from mjmerge.scenario.load import car_sheets
+from mjmerge.scenario.cars import car_sheets
 from mjmerge.record import Header, Outcome, Recording, open_rrd
 model = mujoco.MjModel.from_xml_string(conftest.WORLD_XML)
 header = Header(conftest.SCENARIO, "", "mujoco", 0, model, "", {}, .01,

@@ -194,7 +194,8 @@ def test_a_removed_tick_is_found(forger: Forger, tmp_path: Path, tick: int) -> N
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_of_another_schema_is_named(recorded, monkeypatch, kind: str) -> None:
-    monkeypatch.setattr(f"mjmerge.record.from_{kind}.SCHEMA_VERSION", 99)
+    room = {"mcap": "mcap", "rrd": "rerun"}[kind]
+    monkeypatch.setattr(f"mjmerge.record.{room}.reader.SCHEMA_VERSION", 99)
     monkeypatch.setattr("mjmerge.review.verify.SCHEMA_VERSION", 99)
     found = verify(recorded("points") / f"run.{kind}")
     assert wrong(found) == {"schema"}

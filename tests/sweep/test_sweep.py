@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,11 +18,12 @@ import pytest
 
 import mjmerge
 from mjmerge.cli import main
+from mjmerge.config import shipped
 from mjmerge.errors import OutputError
 from mjmerge.simulation.trace import Stop
 from mjmerge.sweep import campaign
 from mjmerge.sweep import report as sweep_report
-from mjmerge.sweep.folder import SHARDS, TABLE, code_files
+from mjmerge.sweep.folder import SHARDS, TABLE, code_files, identity
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, rows
 from mjmerge.sweep.sweep import sweep
 from mjmerge.sweep.workers import shards
@@ -187,10 +189,27 @@ def test_a_folder_with_other_files_is_left_alone(file, tmp_path, capsys):
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["thesis.tex"]
 
 
-def test_only_the_command_line_may_change_before_an_unfinished_sweep_goes_on():
+def test_the_command_line_pictures_and_review_may_change_before_an_unfinished_sweep_goes_on():
     package = Path(mjmerge.__file__).parent
     left_out = {p.relative_to(package).parts[0] for p in set(package.rglob("*.py")) - set(code_files())}
-    assert left_out == {"cli"}
+    assert left_out == {"cli", "figures", "review", "starts"}
+
+
+def test_a_mesh_below_a_car_s_folder_is_part_of_what_a_sweep_depends_on(tmp_path):
+    folder = tmp_path / "own"
+    shutil.copytree(shipped.models()["rc"], folder)
+    (folder / "meshes").mkdir()
+    mesh = folder / "meshes" / "body.obj"
+    mesh.write_text("v 0 0 0")
+    text = shipped.scenarios()["paper"].read_text().partition("\ngate:")[0]
+    (tmp_path / "mine.yaml").write_text(text.replace("drivers:", "models: {ego: ./own}\n\ndrivers:"))
+    (tmp_path / "mine_campaign.yaml").write_text(
+        "description: d\nblocks:\n  - {scenarios: [./mine.yaml], plants: [mujoco], seeds: 1}\n"
+    )
+    before = identity(campaign.plan(tmp_path / "mine_campaign.yaml"))
+    mesh.write_text("v 0 0 1")
+    after = identity(campaign.plan(tmp_path / "mine_campaign.yaml"))
+    assert {key for key in before if before[key] != after[key]} == {"car models"}
 
 
 def test_a_damaged_shard_is_run_again(file, tmp_path):
