@@ -1,0 +1,206 @@
+"""Doors: what somebody brings from outside, named in a file that people write.
+
+``mine.py:Name`` is in a file (beside the one that names it, or in the current folder),
+``package.module:Name`` is on the import path, and a name without a colon is an entry point of an installed
+package. It is code, and is run when it is read: so nothing that comes out of a recording is ever let in here
+by itself.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from mjmerge.errors import MjmergeError, nearest
+
+LARGEST_CODE_BYTES = 1_000_000
+"""Of a file of code that is brought."""
+_PREFIX = "mjmerge_outside_"
+"""Of the modules that files become: the rest is the path, so that worker processes find it again."""
+
+
+class DoorError(MjmergeError):
+    """What was named is not there, or is not what it must be."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """The text that something from outside was read from, as a recording carries it.
+
+    Attributes:
+        name: as it was named, with the whole path of a file.
+        source: the text of its file, of that alone.
+        sha256: digest of that text in UTF-8.
+    """
+
+    name: str
+    source: str
+    sha256: str
+
+
+def from_outside(name: object) -> bool:
+    """Whether a name is one of a file or of a module: has a colon."""
+    return isinstance(name, str) and ":" in name
+
+
+def installed(group: str) -> dict[str, str]:
+    """Names of a group's entry points, and what they stand for, ``package.module:Name``."""
+    return {point.name: point.value for point in entry_points(group=group)}
+
+
+def located(name: str, near: Path | None, group: str) -> str:
+    """The same name with the whole path of its file, which then means the same everywhere.
+
+    Args:
+        name: as somebody wrote it.
+        near: folder where a file is looked for first, before the current one.
+        group: of entry points, such as ``mjmerge.drivers``.
+
+    Raises:
+        DoorError: there is no such file.
+    """
+    place, colon, what = name.rpartition(":")
+    if not colon:
+        return installed(group).get(name, name)
+    if not place.endswith(".py"):
+        return name
+    places = [folder / place for folder in (near, Path()) if folder is not None]
+    for path in places:
+        if os.path.isfile(path):  # noqa: PTH113 (a name may be too long)
+            return f"{Path(os.path.abspath(path))}:{what}"  # noqa: PTH100 (resolve() follows links)
+    raise DoorError(f"there is no file {place[:200]}, neither beside the file that names it nor here")
+
+
+def resolve(name: str) -> Any:
+    """What a located name stands for.
+
+    Args:
+        name: ``/whole/path/mine.py:Name`` or ``package.module:Name``.
+
+    Raises:
+        DoorError: there is nothing of that name, or its code does not run.
+    """
+    place, _, what = name.rpartition(":")
+    module = _of_file(Path(place)) if place.endswith(".py") else _of_path(place)
+    try:
+        found: Any = module
+        for part in what.split("."):
+            found = getattr(found, part)
+    except AttributeError:
+        names = [n for n in vars(module) if not n.startswith("_")]
+        raise DoorError(f"{place} has no {what!r}: {nearest(what, names)}") from None
+    return found
+
+
+def code_of(name: str) -> Code:
+    """The text of the file that a located name stands in.
+
+    Raises:
+        DoorError: it cannot be read.
+    """
+    place, _, _ = name.rpartition(":")
+    if place.endswith(".py"):
+        path = Path(place)
+    else:
+        spec = importlib.util.find_spec(place)
+        path = Path(spec.origin) if spec is not None and spec.origin else Path(place)
+    data = _read(path)
+    return Code(name, data.decode("utf-8", errors="replace"), sha256(data).hexdigest())
+
+
+def _read(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_CODE_BYTES + 1)
+    except OSError as error:
+        raise DoorError(f"cannot read {path}: {error.strerror}") from error
+    if len(data) > LARGEST_CODE_BYTES:
+        raise DoorError(f"{path} has more than {LARGEST_CODE_BYTES / 1e6:g} MB: is it code?")
+    return data
+
+
+def _of_file(path: Path) -> ModuleType:
+    """A file as a module; read again if it has changed."""
+    name, digest = _PREFIX + os.fsencode(path).hex(), sha256(_read(path)).hexdigest()
+    there = sys.modules.get(name)
+    if there is not None and getattr(there, "__sha256__", None) == digest:
+        return there
+    sys.modules.pop(name, None)
+    with _told(path):
+        return importlib.import_module(name)
+
+
+def _of_path(name: str) -> ModuleType:
+    """A module on the import path."""
+    try:
+        known = importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError, AttributeError):
+        known = False
+    if not known:
+        raise DoorError(f"there is no module called {name[:200]!r} on the import path; a file ends with .py")
+    with _told(None):
+        return importlib.import_module(name)
+
+
+@contextmanager
+def _told(path: Path | None) -> Iterator[None]:
+    """Whatever its code raises is said with the line of the file where it was raised."""
+    try:
+        yield
+    except SyntaxError as error:
+        raise DoorError(f"{error.filename}, line {error.lineno}: {error.msg}") from error
+    except (Exception, SystemExit) as error:
+        spot, trace = "", error.__traceback__
+        while trace is not None:
+            file = trace.tb_frame.f_code.co_filename
+            if path is not None and file == str(path):
+                spot = f"{file}, line {trace.tb_lineno}: "
+            trace = trace.tb_next
+        said = (str(error).splitlines() or [""])[0]
+        raise DoorError(f"{spot}{type(error).__name__}" + (f": {said}" if said else "")) from error
+
+
+class _Files(MetaPathFinder, Loader):
+    """Imports the modules that files from outside become, in worker processes too."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """See ``importlib``."""
+        del path, target
+        if not fullname.startswith(_PREFIX):
+            return None
+        file = os.fsdecode(bytes.fromhex(fullname.removeprefix(_PREFIX)))
+        return ModuleSpec(fullname, self, origin=file)
+
+    def create_module(self, spec: ModuleSpec) -> None:
+        """See ``importlib``."""
+        del spec
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Runs the file; what stands beside it can be imported meanwhile."""
+        assert module.__spec__ is not None
+        path = Path(str(module.__spec__.origin))
+        data = _read(path)
+        module.__file__ = str(path)
+        module.__dict__["__sha256__"] = sha256(data).hexdigest()
+        sys.path.insert(0, str(path.parent))
+        try:
+            exec(compile(data, str(path), "exec"), module.__dict__)
+        finally:
+            sys.path.remove(str(path.parent))
+
+
+sys.meta_path.append(_Files())
