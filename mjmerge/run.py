@@ -20,7 +20,7 @@ from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
 from mjmerge.record import FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
 from mjmerge.roster import CARS
-from mjmerge.scenario.cars import car_sheets
+from mjmerge.scenario.cars import car_sheets, codes
 from mjmerge.scenario.distinct import random
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.load import dump
@@ -215,6 +215,7 @@ def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous:
         sheets=tuple(car_sheets(scenario)),
         continuous=continuous,
         acceptance=_provenance(_accepted(scenario, plant)),
+        code={c.name: {"sha256": c.sha256, "source": c.source} for c in codes(scenario)},
     )
 
 

@@ -26,7 +26,9 @@ class List:
         from rich.console import Console
         from rich.table import Table
 
+        from mjmerge.config.doors import installed
         from mjmerge.drivers import kinds
+        from mjmerge.drivers.outside import GROUP
         from mjmerge.law import VARIANTS
         from mjmerge.plant import PLANTS
         from mjmerge.scenario.cars import data_sheet
@@ -46,10 +48,13 @@ class List:
             "campaigns": lambda: {name: campaign_line(path) for name, path in shipped.campaigns().items()},
             "models": lambda: {name: described(name, folder) for name, folder in shipped.models().items()},
             "laws": lambda: VARIANTS,
-            "drivers": lambda: {
-                name: f"{first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"
-                for name, cls in sorted(kinds().items())
-            },
+            "drivers": lambda: (
+                {
+                    name: f"{first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"
+                    for name, cls in sorted(kinds().items())
+                }
+                | {name: f"from outside: {value}" for name, value in sorted(installed(GROUP).items())}
+            ),
             "plants": lambda: PLANTS,
         }
         console = Console(highlight=False)

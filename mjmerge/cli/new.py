@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,9 +14,9 @@ from mjmerge.cli.options import Flag
 
 @dataclass(frozen=True)
 class New:
-    """Write a working, commented start of your own: a car (a folder), a scenario or a campaign (a file)."""
+    """Write a working, commented start of your own: a car (a folder), a driver, a scenario or a campaign."""
 
-    what: Annotated[Literal["car", "scenario", "campaign"], tyro.conf.Positional]
+    what: Annotated[Literal["car", "driver", "scenario", "campaign"], tyro.conf.Positional]
     """What to begin."""
     name: Annotated[str, tyro.conf.Positional]
     """What to call it: a letter, then letters, digits, _ and -."""
@@ -31,8 +30,7 @@ class New:
         from mjmerge.starts.make import KINDS, make
 
         made = make(self.what, self.name, self.out)
-        place = shlex.quote(str(made) if made.is_absolute() else f"./{made}")
-        then = [command.replace("{place}", place) for command in KINDS[self.what].then]
+        then = KINDS[self.what].then(str(made) if made.is_absolute() else f"./{made}", self.name)
         if self.json:
             files = sorted(map(str, made.iterdir())) if made.is_dir() else [str(made)]
             print(

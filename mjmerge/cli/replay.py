@@ -20,6 +20,8 @@ class Replay:
 
     file: Annotated[Path, tyro.conf.Positional]
     """A .mcap or .rrd file, finished or not, or a run folder."""
+    any_code: Flag = False
+    """Run drivers from outside though their code here is not what the recording carries."""
     threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
     json: Flag = False
@@ -35,7 +37,7 @@ class Replay:
         at_least(0, threads=self.threads)
         path = recording(self.file)
         with progress_bar(1.0, "replaying") as progress:
-            done = replay(path, self.threads, progress)
+            done = replay(path, self.threads, progress, any_code=self.any_code)
         if self.json:
             print(json.dumps(done.as_dict()))
         else:

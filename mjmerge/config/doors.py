@@ -138,7 +138,7 @@ def _of_file(path: Path) -> ModuleType:
     if there is not None and getattr(there, "__sha256__", None) == digest:
         return there
     sys.modules.pop(name, None)
-    with _told(path):
+    with told(path):
         return importlib.import_module(name)
 
 
@@ -150,17 +150,27 @@ def _of_path(name: str) -> ModuleType:
         known = False
     if not known:
         raise DoorError(f"there is no module called {name[:200]!r} on the import path; a file ends with .py")
-    with _told(None):
+    with told(None):
         return importlib.import_module(name)
 
 
 @contextmanager
-def _told(path: Path | None) -> Iterator[None]:
-    """Whatever its code raises is said with the line of the file where it was raised."""
+def told(path: Path | None, what: str = "") -> Iterator[None]:
+    """Whatever code from outside raises is said with the line of its file where it was raised.
+
+    Args:
+        path: the file; ``None`` where only the error can be said.
+        what: the code, as the start of the message.
+
+    Raises:
+        DoorError: it raised something.
+    """
     try:
         yield
+    except DoorError:
+        raise
     except SyntaxError as error:
-        raise DoorError(f"{error.filename}, line {error.lineno}: {error.msg}") from error
+        raise DoorError(f"{what}{error.filename}, line {error.lineno}: {error.msg}") from error
     except (Exception, SystemExit) as error:
         spot, trace = "", error.__traceback__
         while trace is not None:
@@ -169,7 +179,7 @@ def _told(path: Path | None) -> Iterator[None]:
                 spot = f"{file}, line {trace.tb_lineno}: "
             trace = trace.tb_next
         said = (str(error).splitlines() or [""])[0]
-        raise DoorError(f"{spot}{type(error).__name__}" + (f": {said}" if said else "")) from error
+        raise DoorError(f"{what}{spot}{type(error).__name__}" + (f": {said}" if said else "")) from error
 
 
 class _Files(MetaPathFinder, Loader):

@@ -98,6 +98,17 @@ def validated(
     return valid
 
 
+def validated_part(model: type[_Model], value: object, document: Document, where: str) -> _Model | None:
+    """An instance of what stands at a key of a document, or ``None`` with the reasons reported."""
+    try:
+        return model.model_validate(value)
+    except ValidationError as invalid:
+        for error in invalid.errors(include_url=False):
+            message, key = _explained(model, error)
+            document.report(message, f"{where}.{key}" if key else where)
+    return None
+
+
 def raise_problems(where: str | Path, document: Document) -> None:
     """Raise what was found, if anything: the file's own problems by line, then those from elsewhere."""
     found = dict.fromkeys(document.problems)  # a sheet that two cars share is read twice

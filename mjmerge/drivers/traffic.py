@@ -9,6 +9,7 @@ import numpy as np
 
 from mjmerge.drivers.base import Along, Driver
 from mjmerge.drivers.lane import keep_lane
+from mjmerge.drivers.outside import ask
 from mjmerge.errors import MjmergeError
 from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.datasheet import DataSheet
@@ -50,7 +51,7 @@ class Traffic:
         if not drivers[0].can_lead:
             raise MjmergeError(f"{drivers[0].kind!r} follows the car ahead: it cannot drive the first one")
         drawn = tuple(
-            driver.draw([np.random.default_rng([seed, j]) for seed in seeds], duration_s)
+            ask(driver, "draw", [np.random.default_rng([seed, j]) for seed in seeds], duration_s)
             for j, driver in enumerate(drivers)
         )
         return cls(drivers, drawn, lanes_m, tuple(sheets), hold_s)
@@ -74,7 +75,7 @@ class Traffic:
             nose_m, tail_m = sheet.front_overhang_m, sheet.length_m - sheet.front_overhang_m
             intended = u_j[:, j, 0]  # a view: holds the acceleration once it is decided
             own = Along(p[:, j, 0], v[:, j, 0], intended, nose_m, tail_m)
-            intended[:] = driver.acceleration_mps2(time_s, own, leader, self.drawn[j], self.hold_s)
+            intended[:] = ask(driver, "acceleration_mps2", time_s, own, leader, self.drawn[j], self.hold_s)
             leader = own
         u_j[..., 1] = keep_lane(self.lanes_m, p[..., 1], v[..., 1])
         return u_j
@@ -85,13 +86,13 @@ class Traffic:
         found = np.zeros(p.shape, dtype=bool)
         for j, driver in enumerate(self.drivers):
             own = Along(p[:, j + 1], v[:, j + 1], u_j[:, j, 0])
-            found[:, j + 1] = driver.stands(time_s, own, self.hold_s)
+            found[:, j + 1] = ask(driver, "stands", time_s, own, self.hold_s)
         return found
 
     def switches(self) -> Array:
         """When some intention may jump, in a single simulation, s, increasing."""
         times = [
-            driver.switches(None if drawn is None else drawn[0])
+            ask(driver, "switches", None if drawn is None else drawn[0])
             for driver, drawn in zip(self.drivers, self.drawn, strict=True)
         ]
         return np.unique(np.concatenate(times))

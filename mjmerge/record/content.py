@@ -48,6 +48,13 @@ class _Accepted(Frozen):
     versions: dict[str, str]
 
 
+class _Code(Frozen):
+    """The text of code from outside, and its fingerprint."""
+
+    sha256: str
+    source: str
+
+
 class Manifest(Frozen):
     """Where a run comes from, as far as anything here relies on it; see ``record/manifest.py``."""
 
@@ -66,6 +73,7 @@ class Manifest(Frozen):
     conventions: dict[str, str]
     columns: list[dict[str, Any]]
     sheets: dict[str, DataSheet] | None = None
+    code: dict[str, _Code] | None = None
 
 
 def decoded(data: bytes, name: str) -> str:

@@ -47,4 +47,5 @@ def manifest(header: Header) -> dict[str, Any]:
         "sheets": {car: sheet.model_dump() for car, sheet in zip(CARS, header.sheets, strict=True)},
         "conventions": CONVENTIONS,
         "columns": columns,
+        **({"code": {name: dict(of) for name, of in header.code.items()}} if header.code else {}),
     }

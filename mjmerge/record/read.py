@@ -98,8 +98,11 @@ class Recorded:
         """Simulated time of the last tick, s."""
         return float(self.time_ns[-1]) / NS_PER_S
 
-    def scenario(self) -> Scenario:
+    def scenario(self, *, code: bool = False) -> Scenario:
         """The attached scenario.
+
+        Args:
+            code: whether drivers from outside are let in, as they are here; see :func:`~mjmerge.load`.
 
         Raises:
             UnreadableError: it is damaged, or none that this version can run.
@@ -108,12 +111,13 @@ class Recorded:
         if document.problems or not isinstance(document.value, dict):
             raise UnreadableError(self.path, "its scenario is damaged")
         try:
-            scenario = load(document.value, sheets=self.sheets()).named(str(self.manifest["scenario"]))
+            scenario = load(document.value, sheets=self.sheets(), code=code)
         except ScenarioError as error:
             first, *more = error.problems
             rest = f", and {len(more)} more problems" if more else ""
             why = f"its scenario cannot be run: {first.key + ': ' if first.key else ''}{first.message}{rest}"
             raise UnreadableError(self.path, why) from error
+        scenario = scenario.named(str(self.manifest["scenario"]))
         if scenario.ticks > max(MOST_TICKS, 2 * len(self.ticks)):
             raise UnreadableError(
                 self.path, f"its scenario has {scenario.ticks} ticks; up to {MOST_TICKS} can be read"

@@ -48,6 +48,7 @@ class Header:
         sheets: data sheet of each car at its size.
         continuous: whether law and plant were one differential equation.
         acceptance: what is known of each physical car model's acceptance tests, by its name.
+        code: text and SHA-256 of the code from outside that the scenario runs, by its located name.
     """
 
     scenario: Scenario
@@ -61,6 +62,7 @@ class Header:
     sheets: tuple[DataSheet, ...]
     continuous: bool = False
     acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    code: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def told(self) -> bool:

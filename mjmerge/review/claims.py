@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from mjmerge.drivers import Absent
 from mjmerge.record.read import Recorded
-from mjmerge.review.check import Check, checked, differing
+from mjmerge.review.check import Check, checked, differing, some
+from mjmerge.roster import CARS
 from mjmerge.simulation.trace import Trace
-from mjmerge.verdict.judge import INCOMPLETE, Verdict
+from mjmerge.verdict.judge import HELD, INCOMPLETE, VACUOUS, Verdict
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
 from mjmerge.verdict.summary import ground, summary
@@ -18,6 +20,8 @@ from mjmerge.verdict.summary import ground, summary
 _RELATIVE = 1e-9
 _MARGINS = ("min_distance_m", "t_min_distance_s", "min_clearance_m", "floor_m", "floor_held")
 _VERDICT = ("verdict", "reason", "verdicts")
+_OF_THE_IDEAL: dict[str, Any] = {"reason": str, "needed": bool, "without_barrier_m": float}
+"""What a summary says of the run on the ideal plant, and of which type."""
 _NOTHING = "nothing to report"
 
 
@@ -55,16 +59,40 @@ def claims(found: Recorded, trace: Trace, verdict: Verdict) -> Iterator[Check]:
         "verdict": f"{verdict.verdict}: {verdict.reason}",
         "summary": f"{len(groups['summary'])} more entries",
     }
+    absent = unknown(trace)
+    if absent:
+        allow(found, claimed, expected)
     for name, keys in groups.items():
         wrong = [
             text for key in keys for text in differing(key, claimed.get(key), expected.get(key), _RELATIVE)
         ]
         wrong += [f"{key}: nobody records that" for key in keys if key not in expected and key in claimed]
         wrong += [f"{key}: not in the file" for key in keys if key in expected and key not in claimed]
-        if name == "verdict" and found.verdict != verdict.verdict:
+        if name == "verdict" and found.verdict != expected["verdict"]:
             wrong.insert(0, f"the file says {found.verdict!r}, its numbers say {verdict.verdict!r}")
+        if name == "verdict" and absent and not wrong:
+            yield Check(
+                name, None, f"{found.verdict}: not derived, as the code of {some(absent)} is not let in"
+            )
+            continue
         yield checked(name, list(dict.fromkeys(wrong)), says[name])
     yield _happened(found, trace, verdict)
+
+
+def unknown(trace: Trace) -> list[str]:
+    """Drivers whose code is not here, so that what the barrier was worth cannot be asked."""
+    drivers = [getattr(trace.scenario.drivers, car) for car in CARS[1:]]
+    return [driver.kind for driver in drivers if isinstance(driver, Absent)]
+
+
+def allow(found: Recorded, claimed: Mapping[str, Any], expected: dict[str, Any]) -> None:
+    """Lets a safe run claim, without its drivers' code, that the barrier was needed or was not."""
+    if expected["verdict"] != VACUOUS or found.verdict not in (HELD, VACUOUS):
+        return
+    expected["verdict"], expected["verdicts"] = found.verdict, {found.verdict: 1}
+    for key, kinds in _OF_THE_IDEAL.items():
+        if isinstance(claimed.get(key), kinds):
+            expected[key] = claimed[key]
 
 
 def what_follows(found: Recorded, trace: Trace, verdict: Verdict) -> dict[str, Any]:

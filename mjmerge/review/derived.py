@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import PrivateAttr
 
-from mjmerge.drivers import Traffic
+from mjmerge.drivers import Absent, Along, Driver, Traffic
 from mjmerge.law import Sensed, advance, decide
 from mjmerge.plant import LIMITED
 from mjmerge.record.read import Recorded
@@ -180,6 +181,11 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
     steer[:, 0] = c["sensed_steer_rad"]
     seen = replace(cars, heading_rad=heading, speed_mps=speed, steer_rad=steer)
     u = np.concatenate([told.u[:, None], u_j], axis=1)
+    actuated = _actuated(seen, u, stand, found, trace)
+    for k, car in enumerate(CARS[1:], 1):
+        if isinstance(getattr(trace.scenario.drivers, car), Absent):  # when it means to stand is its own
+            for name in ("torque_n_m", "torque_clipped_n_m"):
+                actuated[name][:, k] = c[name][:, k]
     return {
         "weight": told.w,
         "mu_input_per_s": told.mu_input,
@@ -189,14 +195,17 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
         "u_n_mps2": told.u_n,
         "u_c_mps2": told.u_c,
         "u_mps2": u,
-        **_actuated(seen, u, stand, found, trace),
+        **actuated,
     }
 
 
 def _neighbours(found: Recorded, trace: Trace, cars: Cars) -> tuple[Array, Mask]:
     """What the neighbours' drivers intend, (T, 2, 2), and which of the cars mean to stand, (T, C)."""
     scenario = trace.scenario
-    drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
+    drivers = tuple(
+        _AsRecorded.of(found, j) if isinstance(driver, Absent) else driver
+        for j, driver in enumerate(getattr(scenario.drivers, car) for car in CARS[1:])
+    )
     lanes_m = np.array([[getattr(scenario.initial, car).front_m[1] for car in CARS[1:]]])
     hold_s = 0.0 if trace.continuous else found.step_s
     seeds = [int(trace.seeds[0])]
@@ -207,6 +216,29 @@ def _neighbours(found: Recorded, trace: Trace, cars: Cars) -> tuple[Array, Mask]
         intended.append(traffic.intend(now, time_s))
         stand.append(traffic.stands(now, time_s, intended[-1]))
     return np.concatenate(intended), np.concatenate(stand)
+
+
+class _AsRecorded(Driver):
+    """Stands for a driver whose code is not let in: intends what is recorded of it."""
+
+    can_lead: ClassVar[bool] = True
+    kind: str
+    _wanted: dict[float, float] = PrivateAttr(default_factory=dict)
+
+    @classmethod
+    def of(cls, found: Recorded, neighbour: int) -> _AsRecorded:
+        """The stand-in of neighbour 0 or 1."""
+        own = cls(kind="as recorded")
+        wanted = found.columns["u_mps2"][:, 1 + neighbour, 0].tolist()
+        own._wanted = dict(zip((found.ticks * found.step_s).tolist(), wanted, strict=True))
+        return own
+
+    def acceleration_mps2(
+        self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0
+    ) -> Array:
+        """What is recorded at that time."""
+        del own, leader, drawn, hold_s
+        return np.array([self._wanted[time_s]])
 
 
 def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) -> dict[str, Array]:

@@ -61,6 +61,7 @@ def header(found: Recorded) -> Header:
         sheets=found.sheets(),
         continuous=bool(found.manifest["continuous"]),
         acceptance=found.manifest["acceptance"],
+        code=found.manifest.get("code") or {},
     )
 
 

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from mjmerge.config import shipped
+from mjmerge.config.doors import DoorError, code_of
+from mjmerge.drivers import Absent
 from mjmerge.errors import MjmergeError, UnknownNameError, UnreadableError
 from mjmerge.record.attached import compiled
 from mjmerge.record.read import Recorded, read
@@ -121,22 +123,33 @@ class Replayed:
         return out
 
 
-def replay(path: Path, threads: int = 0, progress: Callable[[float], None] | None = None) -> Replayed:
+def replay(
+    path: Path,
+    threads: int = 0,
+    progress: Callable[[float], None] | None = None,
+    *,
+    any_code: bool = False,
+) -> Replayed:
     """Runs a recording's scenario again with its plant and seed, and compares.
+
+    Code from outside is run as it is here, and only where it is what the recording carries.
 
     Args:
         path: the recording.
         threads: threads for the physics, 0 for all cores; does not change the result.
         progress: called now and then with the part that is done, 0 to 1.
+        any_code: whether code from outside is run though it is another here.
 
     Raises:
-        UnreadableError: it is no recording, or has nothing to compare.
+        UnreadableError: it is no recording, or has nothing to compare; or its scenario runs code from outside
+            that is not here, or is another.
         ModelError: its world is none that this version can run.
     """
     found = read(path)
     if not found.columns or not len(found.ticks):
         raise UnreadableError(path, f"no columns that we know (schema {found.schema_version})")
-    scenario, plant = found.scenario(), str(found.manifest["plant"])
+    _check_code(found, any_code)
+    scenario, plant = found.scenario(code=True), str(found.manifest["plant"])
     world = _world(found, scenario) if plant == "mujoco" else None
     again = simulate(
         scenario,
@@ -174,6 +187,31 @@ def replay(path: Path, threads: int = 0, progress: Callable[[float], None] | Non
         _other_world(found, scenario),
         not other and all(getattr(scenario.models, car) in shipped.models() for car in CARS),
     )
+
+
+def _check_code(found: Recorded, any_code: bool) -> None:
+    """Lets code from outside be run where it is here, and is what the recording carries.
+
+    Raises:
+        UnreadableError: it is not.
+    """
+    for driver in (getattr(found.scenario().drivers, car) for car in CARS[1:]):
+        if not isinstance(driver, Absent):
+            continue
+        carried = (found.manifest.get("code") or {}).get(driver.kind, {}).get("sha256")
+        place, _, _ = driver.kind.rpartition(":")
+        try:
+            here = code_of(driver.kind).sha256 if place.endswith(".py") or any_code else None
+        except DoorError:
+            here = None
+        if here is None:
+            why = "is not here" if place.endswith(".py") or any_code else "is in a module; --any-code runs it"
+            raise UnreadableError(found.path, f"its driver {driver.kind} {why}")
+        if here != carried and not any_code:
+            raise UnreadableError(
+                found.path,
+                f"its driver {driver.kind} is other code here than in the recording; --any-code runs it",
+            )
 
 
 def _world(found: Recorded, scenario: Scenario) -> World:

@@ -1,4 +1,4 @@
-"""The data sheets of a scenario's cars: what is on file, and what is believed."""
+"""What a scenario stands on: the data sheets of its cars, on file and believed, and code from outside."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from mjmerge.config import shipped
+from mjmerge.config.doors import Code, code_of, from_outside
 from mjmerge.config.read import LARGEST_FILE_BYTES, raise_problems, read, validated
 from mjmerge.roster import CARS
 from mjmerge.scenario.schema import Scenario
@@ -54,3 +55,9 @@ def believed_sheets(scenario: Scenario) -> list[DataSheet]:
     sheets = car_sheets(scenario)
     sheets[0] = sheets[0].model_copy(update=scenario.belief.model_dump(exclude_none=True))
     return sheets
+
+
+def codes(scenario: Scenario) -> tuple[Code, ...]:
+    """The code from outside that a scenario runs, each once."""
+    kinds = dict.fromkeys(getattr(scenario.drivers, car).kind for car in CARS[1:])
+    return tuple(code_of(kind) for kind in kinds if from_outside(kind))

@@ -13,7 +13,7 @@ from math import dist
 from typing import Any
 
 from mjmerge.config.bounds import MOST_ROWS, MOST_TICKS
-from mjmerge.drivers import Driver, kinds
+from mjmerge.drivers import Driver, ask, kinds
 from mjmerge.errors import Problem
 from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.roster import CARS
@@ -140,7 +140,7 @@ def _drivers(drivers: Drivers) -> Iterator[Problem]:
             f"drivers.{first}.kind",
         )
     for car in CARS[1:]:
-        for key, message in getattr(drivers, car).problems():
+        for key, message in ask(getattr(drivers, car), "problems"):
             yield Problem(message, f"drivers.{car}.{key}")
 
 

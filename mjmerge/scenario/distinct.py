@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from mjmerge.config import shipped
 from mjmerge.config.acts import BODIES
+from mjmerge.drivers import ask
 from mjmerge.roster import CARS
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.effect import acting, declared
@@ -34,7 +35,7 @@ def random(scenario: Scenario, plant: str, *, continuous: bool = False) -> bool:
 
 
 def _drawn(scenario: Scenario) -> bool:
-    return any(getattr(scenario.drivers, car).random(scenario.duration_s) for car in CARS[1:])
+    return any(ask(getattr(scenario.drivers, car), "random", scenario.duration_s) for car in CARS[1:])
 
 
 def _noisy(scenario: Scenario, plant: str, continuous: bool) -> bool:

@@ -14,9 +14,12 @@ from ruamel.yaml import YAML
 from ruamel.yaml.representer import SafeRepresenter
 
 from mjmerge.config import shipped
-from mjmerge.config.document import Document, copied, described, is_text, scalar
+from mjmerge.config.document import UNREADABLE, Document, copied, described, is_text, scalar
+from mjmerge.config.doors import DoorError, from_outside, located
 from mjmerge.config.frozen import Frozen
-from mjmerge.config.read import file_of, raise_problems, read, validated
+from mjmerge.config.read import file_of, raise_problems, read, validated, validated_part
+from mjmerge.drivers import Absent, kinds
+from mjmerge.drivers.outside import GROUP, brought
 from mjmerge.errors import MjmergeError, ModelError, ScenarioError, UnknownNameError
 from mjmerge.roster import CARS
 from mjmerge.scenario.cars import data_sheet
@@ -28,7 +31,11 @@ Source = str | Path | Mapping[str, Any]
 
 
 def load(
-    source: Source, overrides: Sequence[str] = (), sheets: tuple[DataSheet, ...] | None = None
+    source: Source,
+    overrides: Sequence[str] = (),
+    sheets: tuple[DataSheet, ...] | None = None,
+    *,
+    code: bool = True,
 ) -> Scenario:
     """Read and check a scenario.
 
@@ -37,6 +44,7 @@ def load(
         overrides: ``"law.k_o=0"``, applied in order before anything is checked; values are YAML. A plant on
             which one of them is without effect will refuse to run the scenario.
         sheets: data sheet of each car at its size, where they are known already: no model is looked for.
+        code: whether drivers from outside are let in; otherwise they are :class:`~mjmerge.drivers.Absent`.
 
     Raises:
         ScenarioError: with every problem found, each with its key and line.
@@ -58,6 +66,7 @@ def load(
     if isinstance(document.value, dict):
         for text in overrides:
             document.override(text)
+        _let_in(document, near, code)
 
     sections: dict[str, Any] = {}
     scenario = validated(Scenario, document, sections)
@@ -104,6 +113,27 @@ def json_schema(of: type[Frozen] = Scenario) -> str:
     """JSON Schema of scenario files, for editors; ``scenarios/schema.json`` is this text."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | of.model_json_schema()
     return json.dumps(schema, indent=2) + "\n"
+
+
+def _let_in(document: Document, near: Path | None, code: bool) -> None:
+    """Puts drivers from outside in the place of their keys; problems are reported."""
+    drivers = document.value.get("drivers")
+    for car in CARS[1:] if isinstance(drivers, dict) else ():
+        given = drivers.get(car)
+        kind = given.get("kind") if isinstance(given, dict) else None
+        if not isinstance(kind, str) or kind in kinds():
+            continue
+        where = f"drivers.{car}"
+        try:
+            found = located(kind, near, GROUP) if code else kind
+            if not from_outside(found):
+                continue
+            model = brought(found) if code else Absent
+        except DoorError as error:
+            document.report(str(error), f"{where}.kind")
+            drivers[car] = UNREADABLE
+            continue
+        drivers[car] = validated_part(model, given | {"kind": found}, document, where) or UNREADABLE
 
 
 def _models(models: Models, near: Path | None, document: Document) -> tuple[Models, dict[str, DataSheet]]:

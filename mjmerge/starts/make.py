@@ -8,12 +8,14 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from mjmerge.config import shipped
 from mjmerge.config.frozen import Frozen
+from mjmerge.drivers import kinds
 from mjmerge.errors import BadNameError, OutputError
 from mjmerge.outputs import cannot_write, put_new
 from mjmerge.scenario.cars import data_sheet
@@ -32,12 +34,12 @@ class Start:
     Attributes:
         files: texts of a start by their paths, from its name; the first part of each is what is made.
         taken: names that are shipped, and would be found in place of a new one.
-        then: commands that take it as it is, with ``{place}``.
+        then: commands that take it as it is, from its place and its name.
     """
 
     files: Callable[[str], Mapping[str, str]]
-    taken: Callable[[], Mapping[str, Path]]
-    then: tuple[str, ...]
+    taken: Callable[[], Mapping[str, object]]
+    then: Callable[[str, str], Sequence[str]]
 
 
 def make(kind: str, name: str, into: Path) -> Path:
@@ -108,7 +110,19 @@ def _value(value: object) -> str:
 
 
 def _text(file: str, name: str) -> str:
-    return (_STARTS / file).read_text(encoding="utf-8").replace("{name}", name)
+    text = (_STARTS / file).read_text(encoding="utf-8")
+    return text.replace("{name}", name).replace("{Class}", class_of(name))
+
+
+def class_of(name: str) -> str:
+    """The name of a class: ``very_late`` becomes ``VeryLate``."""
+    return "".join(part[:1].upper() + part[1:] for part in re.split("[_-]", name))
+
+
+def _drives(place: str, name: str) -> list[str]:
+    """The command that lets a new driver drive."""
+    given = f'drivers.vehicle_2={{kind: "{place}:{class_of(name)}"}}'
+    return [f"mjmerge run charge --set {quote(given)}"]
 
 
 def _car(name: str) -> dict[str, str]:
@@ -123,17 +137,23 @@ def _car(name: str) -> dict[str, str]:
 
 KINDS = {
     "car": Start(
-        _car, shipped.models, ("mjmerge identify {place}", "mjmerge run paper --set models.ego={place}")
+        _car,
+        shipped.models,
+        lambda place, _: [
+            f"mjmerge identify {quote(place)}",
+            f"mjmerge run paper --set {quote(f'models.ego={place}')}",
+        ],
     ),
+    "driver": Start(lambda name: {f"{name}.py": _text("driver.txt", name)}, kinds, _drives),
     "scenario": Start(
         lambda name: {f"{name}.yaml": _text("scenario.yaml", name)},
         shipped.scenarios,
-        ("mjmerge run {place}", "mjmerge check {place} --update"),
+        lambda place, _: [f"mjmerge run {quote(place)}", f"mjmerge check {quote(place)} --update"],
     ),
     "campaign": Start(
         lambda name: {f"{name}.yaml": _text("campaign.yaml", name)},
         shipped.campaigns,
-        ("mjmerge sweep {place}",),
+        lambda place, _: [f"mjmerge sweep {quote(place)}"],
     ),
 }
 """What ``mjmerge new`` can write."""

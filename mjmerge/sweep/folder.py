@@ -13,6 +13,7 @@ from mjmerge.config import shipped
 from mjmerge.errors import OutputError
 from mjmerge.outputs import cannot_write
 from mjmerge.roster import CARS
+from mjmerge.scenario.cars import codes
 from mjmerge.sweep.plan import Batch, Plan
 from mjmerge.sweep.workers import Shard
 from mjmerge.versions import versions
@@ -36,6 +37,7 @@ def identity(plan: Plan) -> dict[str, Any]:
         [order[id(case.batch)], case.point, case.seed, *case.overrides, case.mismatch.model_dump(mode="json")]
         for case in plan.cases
     ]
+    code = {c.name: c for b in batches.values() for c in codes(b.scenario)}.values()
     return {
         "campaign": _digest(json.dumps([plan.name, runs])),
         "scenarios": _digest(json.dumps(scenarios)),
@@ -44,6 +46,7 @@ def identity(plan: Plan) -> dict[str, Any]:
         ),
         "mjmerge's code": _digest(*(p.read_bytes() for p in code_files())),
         "versions": versions(),
+        **({"code from outside": _digest(*(c.sha256 for c in code))} if code else {}),
     }
 
 

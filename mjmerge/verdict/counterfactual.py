@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mjmerge.drivers import Absent
+from mjmerge.roster import CARS
 from mjmerge.scenario.effect import acting
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
@@ -26,7 +28,13 @@ def unguarded(scenario: Scenario) -> Scenario:
 
 
 def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
-    """How close simulations come on the ideal plant without the barrier: least d_1 and d_2, m, (M, 2)."""
+    """How close simulations come on the ideal plant without the barrier: least d_1 and d_2, m, (M, 2).
+
+    NaN where that cannot be asked, because a driver's code is not here.
+    """
+    drivers = trace.scenario.drivers
+    if any(isinstance(getattr(drivers, car), Absent) for car in CARS[1:]):
+        return np.full((len(runs), 2), np.nan)
     return _ideal_m(unguarded(trace.scenario), trace, runs)
 
 

@@ -151,6 +151,7 @@ def test_the_texts_of_the_starts_are_in_the_wheel():
     assert {p.name for p in starts if p.is_file() and p.suffix != ".py"} == {
         "car.md",
         "car.xml",
+        "driver.txt",
         "campaign.yaml",
         "scenario.yaml",
     }

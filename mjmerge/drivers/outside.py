@@ -1,0 +1,124 @@
+"""Drivers that somebody brings: ``kind: mine.py:Name`` in a scenario, see :mod:`mjmerge.config.doors`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from inspect import isabstract
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import ConfigDict, GetJsonSchemaHandler, SerializationInfo, ValidatorFunctionWrapHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from mjmerge.config.document import described
+from mjmerge.config.doors import DoorError, from_outside, resolve, told
+from mjmerge.drivers.base import Along, Driver
+from mjmerge.state import Array
+
+GROUP = "mjmerge.drivers"
+"""Entry points of packages that bring drivers."""
+
+
+def brought(kind: str) -> type[Driver]:
+    """The class of a driver from outside.
+
+    Args:
+        kind: its located name.
+
+    Raises:
+        DoorError: it is not there, does not run, or is no driver.
+    """
+    found = resolve(kind)
+    if not (isinstance(found, type) and issubclass(found, Driver)):
+        raise DoorError(f"{kind} is no driver: a class derived from mjmerge.drivers.Driver")
+    if isabstract(found):
+        missing = ", ".join(sorted(found.__abstractmethods__))
+        raise DoorError(f"{kind} is no driver yet: it lacks {missing}")
+    return found
+
+
+def let_in(value: Any, shipped: ValidatorFunctionWrapHandler) -> Any:
+    """Validates a driver: one from outside by its own class, all others by that of their kind."""
+    if isinstance(value, Driver):
+        return value
+    kind = value.get("kind") if isinstance(value, Mapping) else None
+    if not from_outside(kind):
+        return shipped(value)
+    try:
+        return brought(str(kind)).model_validate(value)
+    except DoorError as error:
+        raise ValueError(str(error)) from error
+
+
+def as_mapping(driver: Driver, info: SerializationInfo) -> dict[str, Any]:
+    """A driver's keys, whatever its class."""
+    return driver.model_dump(mode=info.mode)
+
+
+def ask(driver: Driver, what: str, *arguments: Any) -> Any:
+    """Calls a method of a driver; one from outside that does not answer as it must is told by name.
+
+    Args:
+        driver: whom.
+        what: name of the method.
+        arguments: of it.
+
+    Raises:
+        DoorError: a driver from outside raised something, or intends what is no acceleration per simulation.
+    """
+    method = getattr(driver, what)
+    if not from_outside(driver.kind):
+        return method(*arguments)
+    place, _, _ = driver.kind.rpartition(":")
+    with told(Path(place), f"{driver.kind} was asked for {what}: "):
+        answer = method(*arguments)
+    if what == "problems":
+        with told(Path(place), f"{driver.kind} was asked for {what}: "):
+            return list(answer)
+    if what == "acceleration_mps2":
+        own = arguments[1]
+        given = np.asarray(answer)
+        if given.shape not in ((), own.speed_mps.shape) or given.dtype.kind not in "fiu":
+            raise DoorError(
+                f"{driver.kind} intends {described(answer)}; it must be one acceleration for each of the "
+                f"{len(own.speed_mps)} simulations, an array of that length"
+            )
+    return answer
+
+
+class OrOutside:
+    """Says in the JSON Schema of a driver that there are others than those that are shipped."""
+
+    @staticmethod
+    def __get_pydantic_json_schema__(core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """See pydantic."""
+        other = {
+            "description": "A driver from outside: file.py:Name or package.module:Name, and its own keys.",
+            "type": "object",
+            "properties": {"kind": {"type": "string", "pattern": ":"}},
+            "required": ["kind"],
+        }
+        return {"anyOf": [handler(core), other]}
+
+
+class Absent(Driver):
+    """A driver from outside whose code is not let in, as where a recording is read: its keys alone."""
+
+    can_lead: ClassVar[bool] = True  # it did
+
+    model_config = ConfigDict(extra="allow")
+
+    kind: str
+
+    def acceleration_mps2(
+        self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0
+    ) -> Array:
+        """Nobody knows.
+
+        Raises:
+            DoorError: always.
+        """
+        del time_s, own, leader, drawn, hold_s
+        raise DoorError(f"what {self.kind} does is not known without its code")
