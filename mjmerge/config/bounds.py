@@ -81,6 +81,15 @@ def check_runs(scenario: Scenario, runs: int, seeds: tuple[int, int], mismatches
         )
 
 
+def patience_s(quiet_s: float) -> float:
+    """How long to wait for a process that takes so long at most on a quiet machine, s.
+
+    Longer where others want the processors too, up to ten times: what is slow then is not broken.
+    """
+    busy = os.getloadavg()[0] / (os.cpu_count() or 1) if hasattr(os, "getloadavg") else 1.0
+    return quiet_s * min(max(busy, 1.0), 10.0)
+
+
 def most_threads() -> int:
     """The most threads that may be asked for on this machine."""
     return max(MOST_THREADS, os.cpu_count() or 1)

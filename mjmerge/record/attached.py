@@ -18,6 +18,7 @@ from xml.parsers import expat
 
 import mujoco
 
+from mjmerge.config.bounds import patience_s
 from mjmerge.errors import UnreadableError
 
 MOST_BYTES = 8_000_000
@@ -153,7 +154,7 @@ def _compiled(xml: str) -> bytes | str:
                 capture_output=True,
                 cwd=empty,
                 env=environment,
-                timeout=2 * MOST_SECONDS,
+                timeout=patience_s(2 * MOST_SECONDS),
                 check=False,
             )
         except subprocess.TimeoutExpired:

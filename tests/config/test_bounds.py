@@ -157,3 +157,10 @@ def test_a_long_road_has_as_many_dashes_as_any_and_still_two_edges():
     assert apart[1] - apart[0] == pytest.approx(mjmerge.load("highway").road.lane_width_m)
     last, edge = long.model.geom(dashes[-1]), long.model.geom("edge_left")
     assert last.pos[0] == pytest.approx(edge.pos[0] + edge.size[0], rel=0.01)
+
+
+@pytest.mark.parametrize(("load", "times"), [(0.0, 1.0), (1.0, 1.0), (8.0, 4.0), (400.0, 10.0)])
+def test_a_busy_machine_gets_more_patience_and_never_without_end(monkeypatch, load, times):
+    monkeypatch.setattr("os.getloadavg", lambda: (load, 0.0, 0.0))
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    assert bounds.patience_s(6.0) == 6.0 * times

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mjmerge.config.bounds import patience_s
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.contents import NS_PER_S, Found, Ticks
@@ -50,11 +51,11 @@ def survives(path: Path) -> bool:
     Raises:
         TooLargeError: a frame would unpack to more than may be.
     """
-    patience_s = _PATIENCE_S + path.stat().st_size / _BYTES_PER_S
+    waits_s = patience_s(_PATIENCE_S + path.stat().st_size / _BYTES_PER_S)
     with whole_frames(path) as (whole, *_):
         command = [sys.executable, "-c", _ATTEMPT, str(whole), str(_MEMORY_BYTES)]
         try:
-            done = subprocess.run(command, capture_output=True, check=False, timeout=patience_s)
+            done = subprocess.run(command, capture_output=True, check=False, timeout=waits_s)
         except subprocess.TimeoutExpired:
             return False
         return done.returncode == 0
