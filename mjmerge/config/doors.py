@@ -93,9 +93,30 @@ def resolve(name: str) -> Any:
         DoorError: there is nothing of that name, or its code does not run.
     """
     place, _, what = name.rpartition(":")
-    module = _of_file(Path(place)) if place.endswith(".py") else _of_path(place)
+    return _named(what, place, _of_file(Path(place)) if place.endswith(".py") else _of_path(place))
+
+
+def let_in_before(name: str) -> Any:
+    """The same, but nothing is read and nothing is run: only what this process has let in already.
+
+    Raises:
+        DoorError: it has not.
+    """
+    place, _, what = name.rpartition(":")
+    module = sys.modules.get(_PREFIX + os.fsencode(place).hex() if place.endswith(".py") else place)
+    if module is None:
+        raise DoorError(f"{name} has not been let in: load the scenario that names it")
+    return _named(what, place, module)
+
+
+def _named(what: str, place: str, module: ModuleType) -> Any:
+    """What is called so in a module.
+
+    Raises:
+        DoorError: nothing is.
+    """
+    found: Any = module
     try:
-        found: Any = module
         for part in what.split("."):
             found = getattr(found, part)
     except AttributeError:

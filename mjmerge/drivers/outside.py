@@ -13,7 +13,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from mjmerge.config.document import described
-from mjmerge.config.doors import DoorError, from_outside, resolve, told
+from mjmerge.config.doors import DoorError, from_outside, let_in_before, resolve, told
 from mjmerge.drivers.base import Along, Driver
 from mjmerge.state import Array
 
@@ -30,7 +30,15 @@ def brought(kind: str) -> type[Driver]:
     Raises:
         DoorError: it is not there, does not run, or is no driver.
     """
-    found = resolve(kind)
+    return _checked(kind, resolve(kind))
+
+
+def _checked(kind: str, found: Any) -> type[Driver]:
+    """What was found, if it is a driver's class.
+
+    Raises:
+        DoorError: it is not.
+    """
     if not (isinstance(found, type) and issubclass(found, Driver)):
         raise DoorError(f"{kind} is no driver: a class derived from mjmerge.drivers.Driver")
     if isabstract(found):
@@ -40,14 +48,17 @@ def brought(kind: str) -> type[Driver]:
 
 
 def let_in(value: Any, shipped: ValidatorFunctionWrapHandler) -> Any:
-    """Validates a driver: one from outside by its own class, all others by that of their kind."""
+    """Validates a driver: one from outside by its own class, all others by that of their kind.
+
+    Nothing is run here: what has not been let in by whoever loads a scenario stays outside.
+    """
     if isinstance(value, Driver):
         return value
     kind = value.get("kind") if isinstance(value, Mapping) else None
     if not from_outside(kind):
         return shipped(value)
     try:
-        return brought(str(kind)).model_validate(value)
+        return _checked(str(kind), let_in_before(str(kind))).model_validate(value)
     except DoorError as error:
         raise ValueError(str(error)) from error
 

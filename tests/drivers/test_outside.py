@@ -16,7 +16,7 @@ import pytest
 from mjmerge import judge, load, simulate
 from mjmerge.cli import main
 from mjmerge.config.doors import DoorError
-from mjmerge.errors import ScenarioError, UnreadableError
+from mjmerge.errors import MjmergeError, ScenarioError, UnreadableError
 from mjmerge.record.read import read
 from mjmerge.review.claims import allow
 from mjmerge.review.replay import replay
@@ -152,6 +152,21 @@ def test_a_recording_carries_its_code_and_nothing_of_it_is_run_to_verify_it(here
         (verdict,) = [check for check in found.checks if check.name == "verdict"]
         assert verdict.right is None
         assert "mine.py:Mine is not let in" in verdict.says
+    assert not (here / "ran").exists()
+
+
+def test_the_scenario_of_a_recording_runs_no_code_whatever_is_done_with_it(here):
+    """As in a process that has never seen the driver."""
+    run(load("charge", ["duration_s=0.2", LEADS]), "bicycle", folder=here / "a")
+    (here / "other.py").write_text("from pathlib import Path\nPath('ran').touch()\n" + STEADY)
+    scenario = read(here / "a" / "run.mcap").scenario()
+    driver = scenario.drivers.vehicle_1.model_copy(update={"kind": f"{here / 'other.py'}:Mine"})
+    drivers = scenario.drivers.model_copy(update={"vehicle_1": driver})
+    scenario = scenario.model_copy(update={"drivers": drivers})
+    with pytest.raises(MjmergeError, match="has not been let in"):
+        simulate(scenario, "bicycle")
+    with pytest.raises(MjmergeError, match="has not been let in"):
+        scenario.scaled(2.0)
     assert not (here / "ran").exists()
 
 
