@@ -14,6 +14,7 @@ import numpy as np
 
 from mjmerge.config import shipped
 from mjmerge.config.bounds import check_runs
+from mjmerge.config.doors import DoorError
 from mjmerge.errors import MjmergeError, OutputError
 from mjmerge.figures.runs import figure
 from mjmerge.outputs import prepare, put
@@ -27,7 +28,9 @@ from mjmerge.scenario.load import dump
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
+from mjmerge.state import Array
 from mjmerge.vehicle.acceptance import Acceptance, acceptance
+from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
@@ -78,10 +81,10 @@ class Run:
 
     @property
     def exit_code(self) -> int:
-        """0: the floor held; 1: it did not; 3: the simulation or a recorder failed."""
+        """0: the floor and all bounds held; 1: they did not; 3: the simulation or a recorder failed."""
         if self.failures or any(not stop.touched for stop in self.trace.stops):
             return 3
-        return 0 if self.summary["floor_held"] else 1
+        return 0 if self.summary["floor_held"] and self.summary.get("metrics_held", True) else 1
 
 
 def run(
@@ -120,6 +123,7 @@ def run(
         OutputError: the folder cannot be written, or holds something that would be overwritten.
         ModelError: a car model cannot be built, or not for this plant.
         ScenarioError: a key that was given beside the scenario's file is without effect here.
+        DoorError: a metric of the scenario's own fails; what was recorded stays unfinished.
         MjmergeError: the plant has no continuous time.
     """
     check(plant, scenario)
@@ -161,7 +165,13 @@ def run(
             continuous=continuous,
         )
         verdicts = judge(trace)
-        found = summary(trace, verdicts, time.perf_counter() - began)
+        wall_s = time.perf_counter() - began
+        try:
+            metrics = own.measured(trace)
+        except DoorError as error:
+            kept = "; what was recorded is kept as *.partial" if recording is not None else ""
+            raise DoorError(f"{error}{kept}") from error
+        found = summary(trace, verdicts, wall_s, metrics)
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
         found |= _ground(scenario, plant, continuous)
@@ -175,7 +185,7 @@ def run(
         worst = worst_run(trace)
         if record and runs > 1:
             assert world is not None, "a recording shows the world"
-            failures = _record_selected(folder, trace, verdicts, world)
+            failures = _record_selected(folder, trace, verdicts, metrics, world)
         try:  # the run is over, and its verdict is worth as much without them
             figure(trace, folder / "figure.png", worst)
             put(folder / "summary.json", json.dumps(found, indent=2) + "\n")
@@ -216,23 +226,38 @@ def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous:
         continuous=continuous,
         acceptance=_provenance(_accepted(scenario, plant)),
         code={c.name: {"sha256": c.sha256, "source": c.source} for c in codes(scenario)},
+        metrics=own.carried(scenario),
     )
 
 
-def selected(trace: Trace, verdicts: Sequence[Verdict]) -> dict[str, int]:
+def selected(
+    trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array] | None = None
+) -> dict[str, int]:
     """Which of many simulations are recorded: name of the recording, without ending, to simulation."""
+    bounds = trace.scenario.expect.metrics
     worst = worst_run(trace)
     least = np.nan_to_num(trace.min_distance_m.min(axis=1), nan=-np.inf)
     order = np.argsort(least, kind="stable")
     found = {"run": worst, "median": int(order[(len(order) - 1) // 2])}
-    violations = [int(i) for i in order if not verdicts[i].floor_held and i not in found.values()]
+    violations = [
+        int(i)
+        for i in order
+        if i not in found.values()
+        and not (verdicts[i].floor_held and (metrics is None or own.held(bounds, metrics, i)))
+    ]
     return found | {f"violation-{trace.seeds[i]}": i for i in violations[:_MOST_VIOLATIONS]}
 
 
-def _record_selected(folder: Path, trace: Trace, verdicts: Sequence[Verdict], world: World) -> list[str]:
+def _record_selected(
+    folder: Path,
+    trace: Trace,
+    verdicts: Sequence[Verdict],
+    metrics: Mapping[str, Array],
+    world: World,
+) -> list[str]:
     """Records some simulations of many by running each again alone: the same seed gives the same bits."""
     failures: list[str] = []
-    for name, run in selected(trace, verdicts).items():
+    for name, run in selected(trace, verdicts, metrics).items():
         formats = FORMATS if name == "run" else {f"{name}.rrd": open_rrd}
         failures += _record_again(folder, trace, run, world, formats)
     if trace.plant != IDEAL:
@@ -257,7 +282,7 @@ def _record_again(
             scenario, trace.plant, seed=seed, world=world, sink=recording, continuous=trace.continuous
         )
         (verdict,) = judge(alone)
-        found = summary(alone, [verdict], 1.0)
+        found = summary(alone, [verdict], 1.0, own.measured(alone))
         found |= _ground(scenario, trace.plant, trace.continuous) | {"distinct_runs": 1}
         recording.close(_outcome(alone, verdict, found))
     return recording.failures
@@ -273,7 +298,7 @@ def _side(trace: Trace, plant: str, seed: int, world: World) -> Side:
     keep = Keep(header)
     alone = simulate(scenario, plant, seed=seed, world=world, sink=keep, continuous=continuous)
     (verdict,) = judge(alone)
-    outcome = _outcome(alone, verdict, summary(alone, [verdict], 1.0))
+    outcome = _outcome(alone, verdict, summary(alone, [verdict], 1.0, own.measured(alone)))
     return Side("ideal" if plant == IDEAL else plant, header, keep.posed(), outcome)
 
 

@@ -14,10 +14,11 @@ from mjmerge.config import shipped
 
 @dataclass(frozen=True)
 class List:
-    """List what there is: scenarios, campaigns, models, laws, drivers and plants, with a line on each."""
+    """List what there is: scenarios, campaigns, models, laws, drivers, plants, metrics, a line on each."""
 
     what: Annotated[
-        Literal["all", "scenarios", "campaigns", "models", "laws", "drivers", "plants"], tyro.conf.Positional
+        Literal["all", "scenarios", "campaigns", "models", "laws", "drivers", "plants", "metrics"],
+        tyro.conf.Positional,
     ] = "all"
     """Which kind to list."""
 
@@ -33,6 +34,7 @@ class List:
         from mjmerge.plant import PLANTS
         from mjmerge.scenario.cars import data_sheet
         from mjmerge.scenario.load import load
+        from mjmerge.scenario.metrics import GROUP as METRICS
         from mjmerge.sweep.campaign import described as campaign_line
         from mjmerge.vehicle.acceptance import acceptance
 
@@ -56,10 +58,11 @@ class List:
                 | {name: f"from outside: {value}" for name, value in sorted(installed(GROUP).items())}
             ),
             "plants": lambda: PLANTS,
+            "metrics": lambda: installed(METRICS),
         }
         console = Console(highlight=False)
         for kind, entries in what.items():
-            if self.what in ("all", kind):
+            if self.what == kind or (self.what == "all" and (kind != "metrics" or entries())):
                 grid = Table(
                     title=kind, title_justify="left", title_style="bold", show_header=False, box=None
                 )

@@ -26,7 +26,7 @@ PlantName = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]
 
 @dataclass(frozen=True)
 class Run:
-    """Run a scenario, judge it, and record it. Exit code 0: the safety floor held; 1: it did not."""
+    """Run a scenario, judge it, and record it. Exit code 0: safety floor and bounds held; 1: they did not."""
 
     scenario: Annotated[str, tyro.conf.Positional]
     """Name of a shipped scenario (see `mjmerge list`), or the path of a YAML file."""

@@ -27,6 +27,8 @@ MOST_THREADS, MOST_WORKERS = 256, 64
 """Threads for the physics, and processes; or as many as there are cores, where that is more."""
 MOST_ROWS = 1_000
 """Rows of a scenario's gate."""
+MOST_METRICS = 100
+"""Metrics of a scenario's own."""
 MOST_DASHES = 1_000
 """Dashes between two lanes; on a longer road they are further apart."""
 

@@ -11,9 +11,10 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+import signal
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.abc import Loader, MetaPathFinder
@@ -27,6 +28,8 @@ from mjmerge.errors import MjmergeError, nearest
 
 LARGEST_CODE_BYTES = 1_000_000
 """Of a file of code that is brought."""
+_TERMINATED = 128 + signal.SIGTERM
+"""What a command exits with that is told to end: by an exception, wherever it is."""
 _PREFIX = "mjmerge_outside_"
 """Of the modules that files become: the rest is the path, so that worker processes find it again."""
 
@@ -179,6 +182,8 @@ def _of_path(name: str) -> ModuleType:
 def told(path: Path | None, what: str = "") -> Iterator[None]:
     """Whatever code from outside raises is said with the line of its file where it was raised.
 
+    What it prints goes to standard error: standard output is the command's own.
+
     Args:
         path: the file; ``None`` where only the error can be said.
         what: the code, as the start of the message.
@@ -187,12 +192,15 @@ def told(path: Path | None, what: str = "") -> Iterator[None]:
         DoorError: it raised something.
     """
     try:
-        yield
+        with redirect_stdout(sys.stderr):
+            yield
     except DoorError:
         raise
     except SyntaxError as error:
         raise DoorError(f"{what}{error.filename}, line {error.lineno}: {error.msg}") from error
     except (Exception, SystemExit) as error:
+        if isinstance(error, SystemExit) and error.code == _TERMINATED:
+            raise  # from outside, but not of that code
         spot, trace = "", error.__traceback__
         while trace is not None:
             file = trace.tb_frame.f_code.co_filename

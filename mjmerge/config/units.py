@@ -36,6 +36,11 @@ def unit(name: str, info: FieldInfo) -> Unit | None:
     for declared in info.metadata:
         if isinstance(declared, Unit):
             return declared
+    return _named(name)
+
+
+def _named(name: str) -> Unit | None:
+    """The unit at the end of a name; ``None`` if there is none."""
     return next((of for suffix, of in _SUFFIXES.items() if name.endswith(suffix)), None)
 
 
@@ -54,6 +59,9 @@ def rescaled(model: _Model, length: float, time: float, inherited: Unit | None =
             return rescaled(value, length, time, of)
         if isinstance(value, tuple):
             return tuple(times(item, of) for item in value)
+        if isinstance(value, dict):
+            forces = ("_n_s", "_n_m")  # do not follow from lengths and times alone
+            return {k: times(item, None if k.endswith(forces) else _named(k)) for k, item in value.items()}
         if isinstance(value, float) and of is not None:
             return value * (length**of.length * time**of.time)
         return value

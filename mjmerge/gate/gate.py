@@ -34,6 +34,7 @@ from mjmerge.scenario.schema import Check
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array, Mask, norm
+from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.versions import versions
 
@@ -129,7 +130,10 @@ def _refuse_what_is_in_vain(file: Path, these: Sequence[Row], document: Document
                 if covers(key, name):
                     document.report(f"row {row.check.name!r}: {name} {why}", at)
             if floor:
-                document.report(f"row {row.check.name!r}: {key}: the floor of a row is its at_least_m", at)
+                own_key = "the floor of a row is its at_least_m"
+                if key.startswith("expect.metrics"):
+                    own_key = "the bounds of a row are its metrics"
+                document.report(f"row {row.check.name!r}: {key}: {own_key}", at)
         if "grip" in row.check.needs and plant not in BODIES:
             there = f"there is a road with grip on {listed(BODIES)} only, not on {plant}"
             document.report(f"row {row.check.name!r} needs grip: {there}", f"gate.{i}.needs")
@@ -153,6 +157,7 @@ def run(
 
     Raises:
         ScenarioError: a baseline is none.
+        DoorError: a metric of a scenario's own fails.
         MjmergeError: two scenarios would have the same one.
     """
     before_all = {file: baseline.read(place) for file, place in _places(these, baselines).items()}
@@ -162,7 +167,7 @@ def run(
         scenario = batch[0].scenario
         cases = [(0, acting(row.scenario, plant).mismatch) for row in batch]
         trace = simulate(scenario.settled(), plant, cases=cases, threads=threads)
-        verdicts = judge(trace)
+        verdicts, metrics = judge(trace), own.measured(trace)
         found = zip(
             batch,
             verdicts,
@@ -183,10 +188,11 @@ def run(
                     else []
                 ),
                 *untested,
+                *own.broken(row.check.metrics, mine := own.one(metrics, i)),
                 *_moved(measured, before, known, row),
             )
             stopped, each_s = stops.get(i, ""), wall_s / len(batch)
-            yield Result(row, measured, before, made_with, verdict, stopped, problems, each_s)
+            yield Result(row, measured, before, made_with, verdict, stopped, problems, each_s, mine)
             done += 1
             if progress is not None:
                 progress(done)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mjmerge.config import shipped
@@ -53,6 +53,7 @@ class Result:
         verdict: the contract's.
         stopped: why the simulation ended early; empty if it did not.
         problems: why the row fails; none if it passes.
+        metrics: what the scenario's own metrics came to, by name; NaN where they do not know.
         wall_s: how long it took, its part of the batch that it was in, s.
     """
 
@@ -64,3 +65,4 @@ class Result:
     stopped: str
     problems: tuple[str, ...]
     wall_s: float = 0.0
+    metrics: Mapping[str, float] = field(default_factory=dict)

@@ -22,6 +22,8 @@ LARGEST_TEXT_BYTES = 8 * 2**20
 """Of a text in a recording: a scenario has 3 kB, a world 70 kB."""
 DEEPEST = 20
 """Levels of nesting in JSON; a manifest has five."""
+LARGEST_NUMBER = 10**308
+"""Of a metric; whole numbers in JSON have no end."""
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 
 
@@ -55,6 +57,14 @@ class _Code(Frozen):
     source: str
 
 
+class _Metric(Frozen):
+    """A metric of the scenario's own; its code is beside it."""
+
+    name: str
+    reference: str
+    description: str
+
+
 class Manifest(Frozen):
     """Where a run comes from, as far as anything here relies on it; see ``record/manifest.py``."""
 
@@ -74,6 +84,7 @@ class Manifest(Frozen):
     columns: list[dict[str, Any]]
     sheets: dict[str, DataSheet] | None = None
     code: dict[str, _Code] | None = None
+    metrics: list[_Metric] = Field(default_factory=list)
 
 
 def decoded(data: bytes, name: str) -> str:
@@ -150,6 +161,11 @@ def summary_of(text: str) -> dict[str, Any] | None:
     for key in ("min_clearance_m", "floor_m", "merged_at_s"):
         if not _is_number(value.get(key)):
             raise ContentError(f"summary.json: {key}: not a number")
+    metrics = value.get("metrics", {})
+    if not isinstance(metrics, dict) or not all(
+        v is None or (_is_number(v) and abs(v) < LARGEST_NUMBER) for v in metrics.values()
+    ):
+        raise ContentError("summary.json: metrics: not a number per metric")
     stops = value.get("stops", [])
     if not isinstance(stops, list) or len(stops) > 1:
         raise ContentError("summary.json: stops: not a list of at most one")

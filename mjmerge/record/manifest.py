@@ -48,4 +48,5 @@ def manifest(header: Header) -> dict[str, Any]:
         "conventions": CONVENTIONS,
         "columns": columns,
         **({"code": {name: dict(of) for name, of in header.code.items()}} if header.code else {}),
+        **({"metrics": [dict(metric) for metric in header.metrics]} if header.metrics else {}),
     }

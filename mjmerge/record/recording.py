@@ -49,6 +49,7 @@ class Header:
         continuous: whether law and plant were one differential equation.
         acceptance: what is known of each physical car model's acceptance tests, by its name.
         code: text and SHA-256 of the code from outside that the scenario runs, by its located name.
+        metrics: name, reference and description of each metric of the scenario's own.
     """
 
     scenario: Scenario
@@ -63,6 +64,7 @@ class Header:
     continuous: bool = False
     acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     code: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    metrics: Sequence[Mapping[str, str]] = ()
 
     @property
     def told(self) -> bool:

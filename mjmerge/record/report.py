@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -37,6 +38,7 @@ def finished(header: Header, outcome: Outcome) -> str:
             "",
             *_table(_flat(found)),
             "",
+            *_outside(header),
             _origin(header),
         ]
     )
@@ -83,6 +85,16 @@ def _table(rows: Iterable[tuple[str, str]]) -> list[str]:
 def _title(header: Header) -> str:
     scenario = header.scenario
     return f"### {scenario.name} on {header.plant}, seed {header.seed}\n\n{scenario.description}"
+
+
+def _outside(header: Header) -> Iterator[str]:
+    """What the scenario's own metrics are, in words, and all code from outside."""
+    for metric in header.metrics:
+        yield f"`{metric['name']}` is {metric['reference']}: {metric['description']}"
+        yield ""
+    for source in dict.fromkeys(code["source"] for code in header.code.values()):
+        fence = "`" * (1 + max(map(len, re.findall("`+", source)), default=2))
+        yield from (f"{fence}python", source.rstrip("\n"), fence, "")
 
 
 def _origin(header: Header) -> str:

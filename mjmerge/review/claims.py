@@ -12,6 +12,8 @@ from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, differing, some
 from mjmerge.roster import CARS
 from mjmerge.simulation.trace import Trace
+from mjmerge.state import Array
+from mjmerge.verdict import own
 from mjmerge.verdict.judge import HELD, INCOMPLETE, VACUOUS, Verdict
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
@@ -68,6 +70,8 @@ def claims(found: Recorded, trace: Trace, verdict: Verdict) -> Iterator[Check]:
         ]
         wrong += [f"{key}: nobody records that" for key in keys if key not in expected and key in claimed]
         wrong += [f"{key}: not in the file" for key in keys if key in expected and key not in claimed]
+        if "metrics" in keys and claimed.get("metrics", {}).keys() != expected.get("metrics", {}).keys():
+            wrong.append("metrics: not those of the scenario")
         if name == "verdict" and found.verdict != expected["verdict"]:
             wrong.insert(0, f"the file says {found.verdict!r}, its numbers say {verdict.verdict!r}")
         if name == "verdict" and absent and not wrong:
@@ -95,9 +99,30 @@ def allow(found: Recorded, claimed: Mapping[str, Any], expected: dict[str, Any])
             expected[key] = claimed[key]
 
 
-def what_follows(found: Recorded, trace: Trace, verdict: Verdict) -> dict[str, Any]:
-    """The summary that a recording must have, from its trace."""
-    expected = summary(trace, [verdict], 1.0)
+def claimed_metrics(found: Recorded, trace: Trace) -> dict[str, Array]:
+    """What a recording says that the metrics of its scenario came to, by name, (1,); NaN where it does not.
+
+    That cannot be derived from it: it takes their code, which nobody runs who only has a file.
+    """
+    said = (found.summary or {}).get("metrics", {})
+    known = {name: said.get(name) for name in own.names(trace.scenario)}
+    return {name: np.array([np.nan if v is None else float(v)]) for name, v in known.items()}
+
+
+def what_follows(
+    found: Recorded, trace: Trace, verdict: Verdict, metrics: Mapping[str, Array] | None = None
+) -> dict[str, Any]:
+    """The summary that a recording must have, from its trace.
+
+    Args:
+        found: the file as read.
+        trace: the run.
+        verdict: on it.
+        metrics: what the scenario's own metrics came to, where somebody ran them; what the file says of the
+            others is taken as it is.
+    """
+    values = claimed_metrics(found, trace) | dict(metrics or {})
+    expected = summary(trace, [verdict], 1.0, values)
     del expected["real_time_factor"]
     accepted = found.manifest["acceptance"]
     stands = ground(trace.scenario, trace.plant, accepted, continuous=trace.continuous)

@@ -15,6 +15,7 @@ from mjmerge.figures.runs import comparison
 from mjmerge.figures.style import save
 from mjmerge.outputs import whole
 from mjmerge.record.read import Recorded
+from mjmerge.review.claims import claimed_metrics
 from mjmerge.roster import NEIGHBOURS
 from mjmerge.simulation.trace import COLUMNS, Trace
 from mjmerge.state import Array
@@ -63,7 +64,8 @@ class Side:
         """
         trace = recorded.run()
         (verdict,) = judge(trace)
-        return cls(recorded, trace, verdict, summary(trace, [verdict], 1.0))
+        metrics = claimed_metrics(recorded, trace)
+        return cls(recorded, trace, verdict, summary(trace, [verdict], 1.0, metrics))
 
     @property
     def label(self) -> str:
@@ -153,6 +155,11 @@ def table(a: Side, b: Side) -> Table:
     row("merged at", seconds, "merged_at_s")
     row("saturated, ego", seconds, "saturated_s", "ego")
     row("hypotheses broken", lambda found: str(sum(at is not None for at in found.values())), "hypotheses")
+    for name in {**a.summary.get("metrics", {}), **b.summary.get("metrics", {})}:
+        one, two = (side.summary.get("metrics", {}).get(name) for side in (a, b))
+        apart = "" if one is None or two is None else f"{two - one:+.3g}"
+        words = ("-" if value is None else f"{value:.4g}" for value in (one, two))
+        grid.add_row(f"{escape(name)}, as recorded", *words, apart)
     grid.add_row()
     grid.add_row("furthest apart", "", "at", "by", style="bold")
     for d in differences(a.trace, b.trace):

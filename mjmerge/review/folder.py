@@ -125,6 +125,7 @@ def _summary(folder: Path, first: Verified) -> Check:
         return Check(path.name, False, f"runs: {runs!r} is no number of runs")
     wrong = list(_many(claimed, expected, runs)) if runs > 1 else []
     of_all = {"runs", "seed", "distinct_runs", *_OF_ALL, "min_distance_m", "min_clearance_m", "duration_s"}
+    of_all |= {"metrics_range", "metrics_bounds", "metrics_held"}
     left_out = of_all if runs > 1 else set()
     for key in sorted((expected.keys() | claimed.keys()) - left_out - {*_OUTSIDE}):
         if key not in expected:
@@ -136,6 +137,8 @@ def _summary(folder: Path, first: Verified) -> Check:
     says = "every number follows from the recording"
     if runs > 1:
         says = f"as the worst run's recording says; of the {runs - 1} others what they came to is not derived"
+    if "metrics" in expected:
+        says += "; its own metrics are as the recording says"
     return checked(path.name, wrong, says)
 
 
@@ -167,6 +170,8 @@ def _many(claimed: dict[str, Any], worst: dict[str, Any], runs: int) -> Iterator
     said = [d for d in distances.values() if d is not None] if isinstance(distances, dict) else []
     if len(said) < len(least) or (least and min(said) != min(least)):
         yield f"min_distance_m: it says {distances}, and the worst run's least is {min(least)}"
+    if "metrics" in worst:
+        yield from _many_metrics(claimed, worst, runs)
     for key in ("collisions", "stops"):
         ours = [dict(c) for c in worst[key]]
         there = (
@@ -175,3 +180,40 @@ def _many(claimed: dict[str, Any], worst: dict[str, Any], runs: int) -> Iterator
             else []
         )
         yield from differing(key, there, ours, _RELATIVE, "the recording says")
+
+
+def _many_metrics(claimed: dict[str, Any], worst: dict[str, Any], runs: int) -> Iterator[str]:
+    """What the summary of several simulations says of its own metrics, against the worst's and itself."""
+    ranges = claimed.get("metrics_range")
+    if not isinstance(ranges, dict) or ranges.keys() != worst["metrics"].keys():
+        yield "metrics_range: not that of the scenario's metrics"
+        return
+    for name, value in worst["metrics"].items():
+        said = ranges[name] if isinstance(ranges[name], dict) else {}
+        least, most, unknown = (said.get(key) for key in ("least", "most", "unknown"))
+        right = type(unknown) is int and (value is None) <= unknown <= runs - (value is not None)
+        if value is not None:
+            right = (
+                right and all(isinstance(v, int | float) for v in (least, most)) and least <= value <= most
+            )
+        if not right:
+            yield f"metrics_range.{name}: it says {said}, and the worst run's is {value}"
+    bounds = claimed.get("metrics_bounds", {})
+    ours = worst.get("metrics_bounds", {})
+    if not isinstance(bounds, dict) or bounds.keys() != ours.keys():
+        yield "metrics_bounds: not those of the scenario"
+        return
+    held = []
+    for name, bound in ours.items():
+        said = bounds[name] if isinstance(bounds[name], dict) else {}
+        count = said.get("held_runs")
+        sides = all(said.get(key) == bound[key] for key in ("at_least", "at_most"))
+        if not (
+            sides and type(count) is int and bound["held_runs"] <= count <= runs - 1 + bound["held_runs"]
+        ):
+            yield f"metrics_bounds.{name}: it says {said}, and the worst run's is {bound}"
+        held.append(count == runs)
+        if (said.get("first_broken_seed") is None) != held[-1]:
+            yield f"metrics_bounds.{name}: it held in {count} of {runs} runs, or did not"
+    if ours and claimed.get("metrics_held") is not all(held):
+        yield f"metrics_held: it says {claimed.get('metrics_held')!r}"

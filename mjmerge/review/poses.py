@@ -62,6 +62,7 @@ def header(found: Recorded) -> Header:
         continuous=bool(found.manifest["continuous"]),
         acceptance=found.manifest["acceptance"],
         code=found.manifest.get("code") or {},
+        metrics=found.manifest.get("metrics", ()),
     )
 
 

@@ -6,7 +6,7 @@ are compared with what this version has under the same names.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,13 @@ from mjmerge.review.claims import what_follows
 from mjmerge.review.recover import CUT_OFF
 from mjmerge.roster import CARS
 from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.metrics import find, metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import COLUMNS, Trace
 from mjmerge.state import Array
 from mjmerge.verdict.judge import judge
+from mjmerge.verdict.own import run
 from mjmerge.versions import versions
 from mjmerge.world.compose import attached, build
 from mjmerge.world.model import World
@@ -68,6 +70,7 @@ class Replayed:
             of them; ``None`` where they are not here.
         ours: whether all those models are shipped, and of the versions in the file: then another world is a
             contradiction.
+        left_out: metrics of the scenario's own that were not run, and why, a phrase each.
     """
 
     recorded: Recorded
@@ -77,6 +80,7 @@ class Replayed:
     claims: tuple[str, ...]
     other_world: bool | None
     ours: bool
+    left_out: tuple[str, ...] = ()
 
     @property
     def same(self) -> bool:
@@ -86,6 +90,7 @@ class Replayed:
 
     def as_dict(self) -> dict[str, Any]:
         """What ``--json`` prints."""
+        metrics = {"metrics_left_out": list(self.left_out)} if self.recorded.manifest.get("metrics") else {}
         return {
             "file": str(self.recorded.path),
             "same": self.same,
@@ -94,6 +99,7 @@ class Replayed:
             "other_versions": list(self.other_versions),
             "claims": list(self.claims),
             "other_world": self.other_world,
+            **metrics,
         }
 
     def lines(self) -> list[str]:
@@ -112,6 +118,7 @@ class Replayed:
             out.append(f"DIFFERENT: and {len(self.differences) - _MOST_NAMED} more columns")
         out += [f"DIFFERENT: {claim}" for claim in self.claims[:_MOST_NAMED]]
         out += [f"another version: {other}" for other in self.other_versions]
+        out += [f"left out: the metric {why}" for why in self.left_out]
         if self.other_world and self.ours:
             out.append("DIFFERENT: the attached world or data sheets are not those of the models it names")
         elif self.other_world:
@@ -176,6 +183,7 @@ def replay(
         difference = _difference(column.name, there, new, found.time_ns[inside] / 1e9)
         if difference is not None:
             differences.append(difference)
+    metrics, left_out = _metrics(found, again, any_code) if whole else ({}, ())
     made, here = found.manifest.get("versions", {}), versions()
     other = tuple(f"{n} {v} then, {here.get(n, 'none')} now" for n, v in made.items() if here.get(n) != v)
     return Replayed(
@@ -183,9 +191,10 @@ def replay(
         tuple(sorted(differences, key=lambda d: d.first_s)),
         lengths,
         other,
-        tuple(_claims(found, again)) if whole else (),
+        tuple(_claims(found, again, metrics)) if whole else (),
         _other_world(found, scenario),
         not other and all(getattr(scenario.models, car) in shipped.models() for car in CARS),
+        left_out,
     )
 
 
@@ -198,20 +207,39 @@ def _check_code(found: Recorded, any_code: bool) -> None:
     for driver in (getattr(found.scenario().drivers, car) for car in CARS[1:]):
         if not isinstance(driver, Absent):
             continue
-        carried = (found.manifest.get("code") or {}).get(driver.kind, {}).get("sha256")
-        place, _, _ = driver.kind.rpartition(":")
-        try:
-            here = code_of(driver.kind).sha256 if place.endswith(".py") or any_code else None
-        except DoorError:
-            here = None
-        if here is None:
-            why = "is not here" if place.endswith(".py") or any_code else "is in a module; --any-code runs it"
+        why = _other_code(found, driver.kind, any_code)
+        if why:
             raise UnreadableError(found.path, f"its driver {driver.kind} {why}")
-        if here != carried and not any_code:
-            raise UnreadableError(
-                found.path,
-                f"its driver {driver.kind} is other code here than in the recording; --any-code runs it",
-            )
+
+
+def _metrics(found: Recorded, again: Trace, any_code: bool) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """What the scenario's own metrics say of the run again, (1,), and which were not run, and why.
+
+    A metric is run as it is here, and only where that is the code that the recording carries.
+    """
+    values: dict[str, Array] = {}
+    left_out = []
+    for reference in again.scenario.metrics:
+        why = _other_code(found, reference, any_code)
+        if why:
+            left_out.append(f"{metric_name(reference)}: {reference} {why}")
+        else:
+            values[metric_name(reference)] = run(find(reference), again)
+    return values, tuple(left_out)
+
+
+def _other_code(found: Recorded, name: str, any_code: bool) -> str:
+    """Why code from outside is not run, as the end of a sentence that its name begins; empty if it may be."""
+    carried = (found.manifest.get("code") or {}).get(name, {}).get("sha256")
+    place, _, _ = name.rpartition(":")
+    if not (place.endswith(".py") or any_code):
+        return "is in a module; --any-code runs it"
+    try:
+        here = code_of(name).sha256
+    except (DoorError, ImportError, ValueError):
+        return "is not here"
+    same = here == carried or any_code
+    return "" if same else "is other code here than in the recording; --any-code runs it"
 
 
 def _world(found: Recorded, scenario: Scenario) -> World:
@@ -234,13 +262,13 @@ def _other_world(found: Recorded, scenario: Scenario) -> bool | None:
     return found.world_xml != world.xml or found.sheets() != sized
 
 
-def _claims(found: Recorded, again: Trace) -> list[str]:
+def _claims(found: Recorded, again: Trace, metrics: Mapping[str, Array]) -> list[str]:
     """Where verdict and summary are not those of the run again."""
     (verdict,) = judge(again)
     wrong = []
     if verdict.verdict != found.verdict:
         wrong.append(f"the file says {found.verdict!r}, the run again {verdict.verdict!r}")
-    claimed, expected = found.summary or {}, what_follows(found, again, verdict)
+    claimed, expected = found.summary or {}, what_follows(found, again, verdict, metrics)
     for key in sorted(claimed.keys() | expected.keys()):
         wrong += differing(key, claimed.get(key), expected.get(key), _RELATIVE, "the run again says")
     return wrong

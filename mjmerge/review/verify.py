@@ -6,8 +6,9 @@ contradiction show. What is absent is never right.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,10 @@ from mjmerge.review.check import Check, checked, some
 from mjmerge.review.claims import claims
 from mjmerge.review.derived import derived, geometry
 from mjmerge.review.drawn import drawn
+from mjmerge.scenario.metrics import metric_name
+from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.versions import versions
 
@@ -109,7 +113,18 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     (verdict,) = judge(again)
     yield verdict
     yield from claims(found, again, verdict)
-    yield Check("not derived", None, NOT_DERIVED)
+    yield Check("not derived", None, _not_derived(trace))
+
+
+def _not_derived(trace: Trace) -> str:
+    """What does not follow from the rest of this file."""
+    names = own.names(trace.scenario)
+    if not names:
+        return NOT_DERIVED
+    return (
+        f"what the scenario's own metrics came to ({', '.join(names)}): their code is in the file and is "
+        f"never run from it; {NOT_DERIVED}"
+    )
 
 
 def _file(found: Recorded) -> Check:
@@ -178,6 +193,7 @@ def _manifest(found: Recorded, trace: Trace) -> Check:
     about, scenario, wrong = found.manifest, trace.scenario, []
     if about["description"] != scenario.description:
         wrong.append("the description is not the scenario's")
+    wrong += _metrics(about, scenario)
     repeated = {
         "mjmerge": {
             "schema_version": str(SCHEMA_VERSION),
@@ -199,6 +215,21 @@ def _manifest(found: Recorded, trace: Trace) -> Check:
             if there != value:
                 wrong.append(f"{name}.{key} is {there!r}, and the manifest says {value!r}")
     return checked("manifest", wrong, "as the scenario says, in every place")
+
+
+def _metrics(about: Mapping[str, Any], scenario: Scenario) -> Iterator[str]:
+    """Where the metrics in a manifest are not those of the scenario, or code is not what its digest says."""
+    carried, code = about.get("metrics", ()), about.get("code") or {}
+    if tuple(metric["reference"] for metric in carried) != scenario.metrics:
+        yield "its metrics are not the scenario's"
+    for metric in carried:
+        if metric["name"] != metric_name(metric["reference"]):
+            yield f"the metric {metric['name']!r} is called otherwise"
+        if metric["reference"] not in code:
+            yield f"the code of {metric['name']} is not in it"
+    for name, text in code.items():
+        if sha256(text["source"].encode()).hexdigest() != text["sha256"]:
+            yield f"the code of {name} is not what its digest says"
 
 
 def _time(found: Recorded, trace: Trace) -> Check:

@@ -60,4 +60,5 @@ def believed_sheets(scenario: Scenario) -> list[DataSheet]:
 def codes(scenario: Scenario) -> tuple[Code, ...]:
     """The code from outside that a scenario runs, each once."""
     kinds = dict.fromkeys(getattr(scenario.drivers, car).kind for car in CARS[1:])
-    return tuple(code_of(kind) for kind in kinds if from_outside(kind))
+    found = [code_of(kind) for kind in kinds if from_outside(kind)]
+    return (*found, *(code for code in scenario.metric_codes if code not in found))

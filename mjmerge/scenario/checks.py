@@ -12,12 +12,13 @@ from itertools import combinations
 from math import dist
 from typing import Any
 
-from mjmerge.config.bounds import MOST_ROWS, MOST_TICKS
+from mjmerge.config.bounds import MOST_METRICS, MOST_ROWS, MOST_TICKS
 from mjmerge.drivers import Driver, ask, kinds
-from mjmerge.errors import Problem
+from mjmerge.errors import Problem, nearest
 from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.roster import CARS
-from mjmerge.scenario.schema import Check, Drivers, Initial
+from mjmerge.scenario.metrics import metric_name
+from mjmerge.scenario.schema import Check, Drivers, Expect, Initial
 from mjmerge.vehicle.datasheet import DataSheet
 
 
@@ -128,6 +129,39 @@ def _gate(gate: tuple[Check, ...]) -> Iterator[Problem]:
         yield Problem(f"has {len(gate)} rows; a gate has at most {MOST_ROWS}", "gate")
 
 
+def _metrics(metrics: tuple[str, ...]) -> Iterator[Problem]:
+    """Each metric can be told from the others, and not more are measured than anybody reads."""
+    if len(metrics) > MOST_METRICS:
+        yield Problem(f"has {len(metrics)} metrics; a scenario has at most {MOST_METRICS}", "metrics")
+    first: dict[str, str] = {}
+    for i, reference in enumerate(metrics):
+        name = metric_name(reference)
+        if not name.isidentifier():
+            yield Problem(f"a metric is named as file.py:headway_s, got {reference[:200]!r}", f"metrics.{i}")
+        elif name in first:
+            message = f"two metrics are called {name!r}: {first[name][:200]} and {reference[:200]}"
+            yield Problem(message, f"metrics.{i}")
+        first.setdefault(name, reference)
+
+
+def _bounds(metrics: tuple[str, ...], expect: Expect, gate: tuple[Check, ...]) -> Iterator[Problem]:
+    """Every bound is one, and of a metric that is there."""
+    names = [metric_name(reference) for reference in metrics]
+    places = {"expect.metrics": expect.metrics}
+    places |= {f"gate.{i}.metrics": row.metrics for i, row in enumerate(gate)}
+    for place, bounds in places.items():
+        for name, bound in bounds.items():
+            low, high = bound.at_least, bound.at_most
+            if name not in names:
+                yield Problem(
+                    f"the scenario has no metric called {name!r}: {nearest(name, names)}", f"{place}.{name}"
+                )
+            elif low is None and high is None:
+                yield Problem("must have at_least or at_most", f"{place}.{name}")
+            elif low is not None and high is not None and low > high:
+                yield Problem(f"nothing is at least {low} and at most {high}", f"{place}.{name}")
+
+
 def _drivers(drivers: Drivers) -> Iterator[Problem]:
     """The first neighbour's driver needs nobody ahead; and what each driver finds wrong with itself."""
     first = CARS[1]
@@ -144,4 +178,4 @@ def _drivers(drivers: Drivers) -> Iterator[Problem]:
             yield Problem(message, f"drivers.{car}.{key}")
 
 
-_CHECKS = (_steps, _variant, _distances, _order_and_gap, _bodies, _drivers, _gate)
+_CHECKS = (_steps, _variant, _distances, _order_and_gap, _bodies, _drivers, _metrics, _bounds, _gate)

@@ -15,7 +15,7 @@ from ruamel.yaml.representer import SafeRepresenter
 
 from mjmerge.config import shipped
 from mjmerge.config.document import UNREADABLE, Document, copied, described, is_text, scalar
-from mjmerge.config.doors import DoorError, from_outside, located
+from mjmerge.config.doors import Code, DoorError, from_outside, located
 from mjmerge.config.frozen import Frozen
 from mjmerge.config.read import file_of, raise_problems, read, validated, validated_part
 from mjmerge.drivers import Absent, kinds
@@ -24,6 +24,7 @@ from mjmerge.errors import MjmergeError, ModelError, ScenarioError, UnknownNameE
 from mjmerge.roster import CARS
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.checks import check
+from mjmerge.scenario.metrics import find
 from mjmerge.scenario.schema import Models, Scenario
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -43,8 +44,10 @@ def load(
         source: a shipped scenario's name, a path, or a mapping of plain values.
         overrides: ``"law.k_o=0"``, applied in order before anything is checked; values are YAML. A plant on
             which one of them is without effect will refuse to run the scenario.
-        sheets: data sheet of each car at its size, where they are known already: no model is looked for.
-        code: whether drivers from outside are let in; otherwise they are :class:`~mjmerge.drivers.Absent`.
+        sheets: data sheet of each car at its size, where they are known already, from a recording: no model
+            is looked for, and no metric.
+        code: whether drivers from outside are let in; otherwise they are :class:`~mjmerge.drivers.Absent`,
+            and metrics are not looked for.
 
     Raises:
         ScenarioError: with every problem found, each with its key and line.
@@ -76,11 +79,17 @@ def load(
         sections["models"], read_sheets = _models(sections["models"], near, document)
         if len(read_sheets) == len(CARS):
             sections["sheets"] = read_sheets
+    codes: list[Code] = []
+    if code and sheets is None and "metrics" in sections:  # what a recording names is not ours to run
+        sections["metrics"], codes = _metrics(sections["metrics"], near, document)
     for problem in check(sections):
         document.report(problem.message, problem.key)
     raise_problems(where, document)
     assert scenario is not None, "what is not valid has problems"
-    loaded = scenario.model_copy(update={"models": sections["models"]}).named(name).giving(document.given)
+    found = {key: sections[key] for key in ("models", "metrics")}
+    loaded = (
+        scenario.model_copy(update=found).named(name).giving(document.given).with_metric_codes(tuple(codes))
+    )
     return loaded if sheets is None else loaded.with_sheets(sheets)
 
 
@@ -98,14 +107,21 @@ def _check_texts(given: object) -> None:
 
 
 def dump(scenario: Scenario) -> str:
-    """The scenario as YAML with every default written out; loading it gives an equal scenario."""
+    """The scenario as YAML with every default written out; loading it gives an equal scenario.
+
+    But for metrics, which are not named where there are none.
+    """
     yaml = YAML(typ="safe", pure=True)
     yaml.Representer = _Representer
     yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
     yaml.width = 2**31
+    plain = scenario.model_dump(mode="json")
+    for section in (plain, plain["expect"], *plain["gate"]):
+        if not section["metrics"]:
+            del section["metrics"]
     text = io.StringIO()
-    yaml.dump(scenario.model_dump(mode="json"), text)
+    yaml.dump(plain, text)
     return text.getvalue()
 
 
@@ -150,6 +166,22 @@ def _models(models: Models, near: Path | None, document: Document) -> tuple[Mode
         except ScenarioError as error:
             document.problems += [replace(p, source=error.source) for p in error.problems]
     return models.model_copy(update=names), sheets
+
+
+def _metrics(
+    names: tuple[str, ...], near: Path | None, document: Document
+) -> tuple[tuple[str, ...], list[Code]]:
+    """The metrics with the paths of their files made absolute, and their code; problems are reported."""
+    located, codes = list(names), []
+    for i, name in enumerate(names):
+        try:
+            metric = find(name, near)
+        except MjmergeError as error:
+            document.report(str(error), f"metrics.{i}")
+        else:
+            located[i] = metric.code.name
+            codes.append(metric.code)
+    return tuple(located), codes
 
 
 class _Representer(SafeRepresenter):

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, Valida
 from mjmerge import drivers as _drivers
 from mjmerge.config.acts import BODIES, LIMITS, WHEELS, Acts
 from mjmerge.config.bounds import LONGEST_S
+from mjmerge.config.doors import Code
 from mjmerge.config.frozen import Frozen, NonNegative, Positive
 from mjmerge.config.units import Unit, rescaled
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
@@ -97,11 +98,25 @@ class Floor(Frozen):
     """The run fails below this."""
 
 
+class Bound(Frozen):
+    """Bounds of a metric, in its unit: at least, at most, or both. What is not known is within none."""
+
+    at_least: float | None = None
+    """The run fails below this."""
+    at_most: float | None = None
+    """The run fails above this."""
+
+
 class Expect(Frozen):
     """What must come out for exit code 0."""
 
     min_distance_m: Floor = Floor()
     """Safety floor on min over t of d_1 and d_2, m. Whatever it says, d_j <= 0 and touching bodies fail."""
+    metrics: dict[str, Bound] = Field(default_factory=dict)
+    """Bounds of the scenario's own metrics, by name."""
+
+    def __hash__(self) -> int:
+        return hash(self.model_dump_json())
 
 
 def _on_a_line(name: str) -> str:
@@ -122,9 +137,14 @@ class Check(Frozen):
     """Keys that are different in this row, as on the command line: mismatch.friction=0.3."""
     at_least_m: float
     """Safety floor on d_1 and d_2, m: one-sided, set by hand."""
+    metrics: dict[str, Bound] = Field(default_factory=dict)
+    """Bounds of the scenario's own metrics in this row, by name."""
     needs: Annotated[tuple[Need, ...], Field(strict=False)] = ("barrier",)
     """What must be put to the test, or the row is vacuous: barrier (it is safe because of it), grip (some
     car was asked for more than the road gives)."""
+
+    def __hash__(self) -> int:
+        return hash(self.model_dump_json())
 
 
 class Scenario(Frozen):
@@ -147,6 +167,9 @@ class Scenario(Frozen):
     road: Road = Road()
     belief: Belief = Belief()
     mismatch: Mismatch = Mismatch()
+    metrics: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Metrics of one's own, functions of a trace: `file.py:name` (beside this file, or in the current
+    folder), `package.module:name`, or the name of an entry point of the group mjmerge.metrics."""
     expect: Expect = Expect()
     gate: Annotated[
         tuple[Check, ...],
@@ -158,6 +181,7 @@ class Scenario(Frozen):
     _name: str = PrivateAttr(default="scenario")
     _recorded: tuple[Models, tuple[DataSheet, ...]] | None = PrivateAttr(default=None)
     _given: dict[str, str] = PrivateAttr(default_factory=dict)
+    _metric_codes: tuple[Code, ...] = PrivateAttr(default=())
 
     @property
     def name(self) -> str:
@@ -201,6 +225,17 @@ class Scenario(Frozen):
         copy._recorded = (self.models, sheets)
         return copy
 
+    @property
+    def metric_codes(self) -> tuple[Code, ...]:
+        """The code of each of ``metrics`` as it was when they were found; none where nobody looked for it."""
+        return self._metric_codes if tuple(code.name for code in self._metric_codes) == self.metrics else ()
+
+    def with_metric_codes(self, codes: tuple[Code, ...]) -> Scenario:
+        """The same scenario with the memory of its metrics' code. Not compared."""
+        copy = self.model_copy()
+        copy._metric_codes = codes
+        return copy
+
     def scaled(self, length: float) -> Scenario:
         """The same scenario at another size, by similarity: lengths times s, times and speeds times sqrt(s).
 
@@ -208,7 +243,7 @@ class Scenario(Frozen):
         unit (k_o is a velocity, k_p is 1/s^2, ...). On the ideal plants the run is the same run at the other
         scale, with cars of that size (``models.size``). Physical cars come in their own size: for ``mujoco``,
         choose models of the new one. The regression gate is left behind, and how the neighbours keep their
-        lane is not scaled.
+        lane is not scaled. Bounds of metrics are, where their names end with a unit of lengths and times.
 
         Args:
             length: s, the factor of lengths.

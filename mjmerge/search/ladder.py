@@ -15,6 +15,7 @@ from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.sweep.plan import MISMATCH, Batches, Case, acts, planned, size_of
+from mjmerge.sweep.rows import METRIC
 from mjmerge.sweep.sweep import measured
 from mjmerge.sweep.workers import Progress, Workers
 
@@ -163,7 +164,8 @@ def _own_idle(case: Case) -> dict[str, str]:
 def write(ladder: Ladder, folder: Path) -> None:
     """Plot, numbers and text."""
     save(waterfall(ladder), folder / "ladder.png")
-    columns = ("min_distance_m", "min_d_1_m", "min_d_2_m", "min_clearance_m", "verdict", "first_broken")
+    own = (name for name in ladder.rungs[0].row if name.startswith(METRIC))
+    columns = ("min_distance_m", "min_d_1_m", "min_d_2_m", "min_clearance_m", "verdict", "first_broken", *own)
     rows = [(r.name, r.adds, r.cost_m, *(r.row[c] for c in columns)) for r in ladder.rungs]
     save_rows([("rung", "adds", "cost_m", *columns), *rows], folder / "ladder.csv")
     put(folder / "ladder.md", markdown(ladder))
@@ -184,6 +186,7 @@ def as_json(ladder: Ladder) -> dict[str, Any]:
                     k: rung.row[k]
                     for k in ("min_distance_m", "min_d_1_m", "min_d_2_m", "verdict", "floor_held")
                 },
+                **{name: value for name, value in rung.row.items() if name.startswith(METRIC)},
                 "held_back": _held_back(ladder, rung),
                 "no_effect": list(rung.idle),
                 "command": rung.command,

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 from mjmerge.config.document import Document, parse, scalar
@@ -19,6 +20,7 @@ from mjmerge.scenario.effect import covers, defaults, given_in_vain
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
+from mjmerge.verdict import own
 
 MISMATCH, VARIANT = "mismatch.", "law.variant"
 NONE = "none"
@@ -111,6 +113,21 @@ class Plan:
     left_out: Mapping[str, tuple[str, ...]]
     same_as: tuple[int, ...]
     labels: Mapping[str, str]
+
+    @cached_property
+    def batches(self) -> list[Batch]:
+        """What runs share, each once, in the order they come up."""
+        return list({id(case.batch): case.batch for case in self.cases}.values())
+
+    @cached_property
+    def metrics(self) -> tuple[str, ...]:
+        """What the scenarios' own metrics are called, each once, in the order they come up."""
+        return tuple(dict.fromkeys(name for batch in self.batches for name in own.names(batch.scenario)))
+
+    @cached_property
+    def bounds(self) -> bool:
+        """Whether some scenario has bounds of its own metrics."""
+        return any(batch.scenario.expect.metrics for batch in self.batches)
 
 
 def planned(

@@ -19,8 +19,9 @@ from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.sweep.campaign import GRID, RANDOM
 from mjmerge.sweep.figures import figures
 from mjmerge.sweep.plan import Plan
-from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, Rows, groups
+from mjmerge.sweep.rows import EMPTY, FAILED, METRIC, METRICS_HELD, PASSED, Rows, groups
 from mjmerge.sweep.statistics import CONFIDENCE, Rate, clopper_pearson
+from mjmerge.verdict import own
 from mjmerge.versions import versions
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
                 "vacuous": _vacuous(group),
                 "failure_rate": _as_json(failure_rate(group)),
                 "min_distance_m": _least(group),
+                **({"metrics": _metrics(plan, group)} if plan.metrics else {}),
             }
             for key, group in groups(rows).items()
         ],
@@ -184,9 +186,11 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
     yield from [""] if remarks else []
     yield "## Failures"
     yield ""
+    out = ", or a metric of its own is out of its bounds" if plan.bounds else ""
     yield (
         "A run has failed if it did not keep its scenario's safety floor to the end: also if it ended early, "
-        "or has no data. A vacuous run (safe, but nothing put the barrier to the test) counts neither way. "
+        f"or has no data{out}. A vacuous run (safe, but nothing put the barrier to the test) counts neither "
+        "way. "
         f"Rates are failed / (failed + passed) of distinct runs, with Clopper-Pearson intervals at "
         f"{CONFIDENCE:.0%}."
     )
@@ -213,6 +217,7 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
         yield from _by_axis(plan, rest)
     yield from _symptoms(rows)
     yield from _collisions(rows)
+    yield from _own(plan, rows)
     yield "## The worst runs"
     yield ""
     yield "Each command gives its run again, bit for bit, and records it; `mjmerge view` then opens it."
@@ -335,6 +340,37 @@ def _collisions(rows: Rows) -> Iterator[str]:
             f"{hardest['contact_speed_mps'] or 0:.3g} m/s, in run {hardest['run']}."
         )
     yield ""
+
+
+def _metrics(plan: Plan, rows: Rows) -> dict[str, dict[str, float | int | None]]:
+    """Range and middle of each own metric over distinct runs, and in how many it is not known; by name."""
+    found: dict[str, dict[str, float | int | None]] = {}
+    for name in plan.metrics:
+        of = [row for row in distinct(rows) if name in own.names(plan.cases[row["run"]].batch.scenario)]
+        known = [row[METRIC + name] for row in of if row[METRIC + name] is not None]
+        if of:
+            middle = float(np.median(known)) if known else None
+            least, most = min(known, default=None), max(known, default=None)
+            found[name] = {"least": least, "median": middle, "most": most, "unknown": len(of) - len(known)}
+    return found
+
+
+def _own(plan: Plan, rows: Rows) -> Iterator[str]:
+    if not plan.metrics:
+        return
+    yield "## Metrics of the scenarios' own"
+    yield ""
+    yield "Over distinct runs; `metric.<name>` in the table."
+    if plan.bounds:
+        out = sum(row[METRICS_HELD] is False for row in distinct(rows))
+        yield f"In {out} runs some metric is out of its bounds."
+    yield ""
+    body = [
+        (*key, name, *(_short(v) if v is not None else "-" for v in numbers.values()))
+        for key, group in groups(rows).items()
+        for name, numbers in _metrics(plan, group).items()
+    ]
+    yield from _table(("scenario", "plant", "law", "metric", "least", "median", "most", "not known"), body)
 
 
 def _table(head: Sequence[str], body: Sequence[Sequence[object]]) -> Iterator[str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
+from mjmerge.verdict import own
 from mjmerge.verdict.decision import decision
 from mjmerge.verdict.judge import VACUOUS, Verdict
 from mjmerge.verdict.metrics import (
@@ -19,7 +20,8 @@ from mjmerge.verdict.metrics import (
 )
 
 PASSED, EMPTY, FAILED = "passed", "vacuous", "failed"
-"""How a run counts: one without data, or that ended early, has failed; nothing tested a vacuous one."""
+"""How a run counts: one without data, that ended early, or whose own metrics are out of their bounds, has
+failed; nothing tested a vacuous one."""
 
 NUMBERS = (
     "min_distance_m",
@@ -53,6 +55,10 @@ TEXTS = ("outcome", "verdict", "first_broken", "stopped")
 first that was still broken, or broke, in the approach; of a safe one, the first of all."""
 FLAGS = ("floor_held", "needed", "underflow")
 """Columns that are true or false, or null; ``needed`` is whether the run is safe because of the barrier."""
+METRIC = "metric."
+"""Before the name of a metric of a scenario's own: a column of its numbers."""
+METRICS_HELD = "metrics_held"
+"""Column that says whether these were within the bounds of their scenario; null where it has none."""
 
 Row = dict[str, float | str | bool | None]
 
@@ -61,8 +67,12 @@ Rows = list[dict[str, Any]]
 """Rows of a table, by column."""
 
 
-def rows(trace: Trace, verdicts: Sequence[Verdict]) -> list[Row]:
-    """One row for every simulation of a trace, with the columns ``NUMBERS``, ``TEXTS`` and ``FLAGS``."""
+def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array] | None = None) -> list[Row]:
+    """One row for every simulation of a trace, with the columns ``NUMBERS``, ``TEXTS`` and ``FLAGS``.
+
+    And one for each metric of the scenario's own, by name, (N,).
+    """
+    bounds, metrics = trace.scenario.expect.metrics, metrics or {}
     least = trace.min_distance_m.min(axis=1)  # NaN where either is unknown
     d = np.where(np.isnan(trace.distance_m), np.inf, trace.distance_m).min(axis=2)
     closest_s = trace.time_s[np.argmin(d, axis=1)]
@@ -106,6 +116,10 @@ def rows(trace: Trace, verdicts: Sequence[Verdict]) -> list[Row]:
         }
         if not np.isfinite(decided.least_z):
             row["least_z"] = None
+        row |= {METRIC + name: _known(of[i]) for name, of in metrics.items()}
+        if bounds:
+            row[METRICS_HELD] = own.held(bounds, metrics, i)
+            row["outcome"] = row["outcome"] if row[METRICS_HELD] else FAILED
         found.append(row)
     return found
 

@@ -22,6 +22,7 @@ from mjmerge.simulation.loop import simulate
 from mjmerge.sweep.plan import Case, Plan
 from mjmerge.sweep.rows import rows
 from mjmerge.verdict.judge import judge
+from mjmerge.verdict.own import measured
 
 TOGETHER = 64
 """Runs of a shard, at most."""
@@ -75,6 +76,9 @@ def measure(shard: Shard, threads: int, progress: Progress | None = None) -> lis
         shard: the runs.
         threads: for the physics, 0 for all cores.
         progress: called with the part that is done, 0 to 1.
+
+    Raises:
+        DoorError: a metric of the scenario's own fails.
     """
     batch = shard.cases[0].batch
     trace = simulate(
@@ -85,7 +89,7 @@ def measure(shard: Shard, threads: int, progress: Progress | None = None) -> lis
         cases=[(case.seed, case.mismatch) for case in shard.cases],
         progress=None if progress is None else lambda t: progress(t / batch.scenario.duration_s),
     )
-    return [dict(row) for row in rows(trace, judge(trace))]
+    return [dict(row) for row in rows(trace, judge(trace), measured(trace))]
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.vehicle.acceptance import Acceptance
+from mjmerge.verdict import own
 from mjmerge.verdict.decision import decision
 from mjmerge.verdict.hypotheses import asked
 from mjmerge.verdict.judge import VERDICTS, Verdict
@@ -31,11 +32,19 @@ def worst_run(trace: Trace) -> int:
     return int(np.argmin(np.where(np.isnan(least), -np.inf, least)))
 
 
-def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[str, Any]:
+def summary(
+    trace: Trace, verdicts: Sequence[Verdict], wall_s: float, metrics: Mapping[str, Array] | None = None
+) -> dict[str, Any]:
     """What ``--json`` prints and ``summary.json`` holds, but for the run folder and the versions.
 
-    Distances are the smallest over all simulations; times, merge, hypotheses (when each first broke) and the
-    decision are those of the worst one.
+    Distances are the smallest over all simulations; times, merge, hypotheses (when each first broke), the
+    decision and the scenario's own metrics are those of the worst one.
+
+    Args:
+        trace: what happened.
+        verdicts: on each simulation.
+        wall_s: how long that took, s.
+        metrics: what the scenario's own metrics came to, by name, each (N,); not known where left out.
     """
     run = worst_run(trace)
     distance_m = trace.distance_m[run]
@@ -93,7 +102,43 @@ def summary(trace: Trace, verdicts: Sequence[Verdict], wall_s: float) -> dict[st
         ],
         "duration_s": number(max(ends)),
         "real_time_factor": number(sum(ends) / wall_s),
+        **_own(trace, metrics or {}, run),
     }
+
+
+def _own(trace: Trace, values: Mapping[str, Array], run: int) -> dict[str, Any]:
+    """What is said of the scenario's own metrics; nothing where it has none."""
+    names, bounds = own.names(trace.scenario), trace.scenario.expect.metrics
+    if not names:
+        return {}
+    every = {name: values.get(name, np.full(trace.runs, np.nan)) for name in names}
+    found: dict[str, Any] = {"metrics": {name: number(of[run]) for name, of in every.items()}}
+    if trace.runs > 1:
+        found["metrics_range"] = {
+            name: {
+                "least": number(_least(of[:, None])[0]),
+                "most": number(-_least(-of[:, None])[0]),
+                "unknown": int(np.isnan(of).sum()),
+            }
+            for name, of in every.items()
+        }
+    if bounds:
+        within = {
+            name: [own.within(bound, value) for value in every[name].tolist()]
+            for name, bound in bounds.items()
+        }
+        found["metrics_bounds"] = {
+            name: {
+                **bound.model_dump(),
+                "held_runs": sum(within[name]),
+                "first_broken_seed": None
+                if all(within[name])
+                else int(trace.seeds[within[name].index(False)]),
+            }
+            for name, bound in bounds.items()
+        }
+        found["metrics_held"] = all(all(of) for of in within.values())
+    return found
 
 
 def ground(

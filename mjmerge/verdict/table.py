@@ -49,6 +49,8 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("saturated", ", ".join(busy) or "never")
     grid.add_row("hypotheses", _broken(found["hypotheses"]))
     grid.add_row("decision", _hesitation(found["decision"]))
+    for name in found.get("metrics", ()):
+        grid.add_row(escape(name), _own(found, name))
     if found.get("distinct_runs", found["runs"]) < found["runs"]:
         grid.add_row("distinct runs", "1: nothing is random here, and every seed gives the same run")
     if found.get("no_effect"):
@@ -87,6 +89,31 @@ def _broken(hypotheses: Mapping[str, float | None]) -> str:
         return f"all {len(hypotheses)} held"
     more = f" and {len(broke) - 3} more" if len(broke) > 3 else ""
     return ", ".join(f"'{name}' broken at {at:.2f} s" for at, name in broke[:3]) + more
+
+
+def _own(found: Mapping[str, Any], name: str) -> str:
+    """A metric of the scenario's own: its value, those of other runs, and whether it is within bounds."""
+    value, runs = found["metrics"][name], found["runs"]
+    said = "-" if value is None else f"{value:.4g}"
+    if runs > 1:
+        of_all = found["metrics_range"][name]
+        if of_all["least"] is not None:
+            said += f"; {of_all['least']:.4g} to {of_all['most']:.4g} in all runs"
+        if of_all["unknown"]:
+            said += f"; not known in {of_all['unknown']}"
+    bound = found.get("metrics_bounds", {}).get(name)
+    if bound is None:
+        return said
+    sides = [
+        f"at {side} {bound[f'at_{side}']:g}" for side in ("least", "most") if bound[f"at_{side}"] is not None
+    ]
+    good = bound["held_runs"] == runs
+    held = f"{' and '.join(sides)} {'held' if good else 'BROKEN'}"
+    if runs > 1:
+        held += f" in {bound['held_runs']} of {runs} runs"
+        if not good:
+            held += f", first with seed {bound['first_broken_seed']}"
+    return f"{said}  [{'green' if good else 'red'}]{held}[/]"
 
 
 def _hesitation(found: Mapping[str, float | bool | None]) -> str:

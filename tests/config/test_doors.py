@@ -1,13 +1,14 @@
 """What somebody brings from outside is found by its name, or it is said why not; workers find it too."""
 
 import pickle
+import signal
 import subprocess
 import sys
 from hashlib import sha256
 
 import pytest
 
-from mjmerge.config.doors import DoorError, code_of, located, resolve
+from mjmerge.config.doors import DoorError, code_of, located, resolve, told
 
 GROUP = "mjmerge.nothing"
 
@@ -81,6 +82,16 @@ def test_code_that_does_not_run_or_lacks_the_name_is_told_with_its_line(write, t
         resolve(write(text))
     assert says in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_what_it_prints_is_no_part_of_the_output(write, capsys):
+    assert resolve(write("print('hello')\nThing = 3")) == 3
+    assert capsys.readouterr() == ("", "hello\n")
+
+
+def test_a_command_that_is_told_to_end_ends_whatever_code_it_is_in():
+    with pytest.raises(SystemExit), told(None):
+        raise SystemExit(128 + signal.SIGTERM)
 
 
 @pytest.mark.parametrize(

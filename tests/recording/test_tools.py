@@ -96,7 +96,7 @@ def test_replay_names_what_differs_and_which_versions_do(mjmerge, folders, monke
     recorded = read(folders["double_integrator"] / "run.mcap")
     other = recorded.scenario().model_copy(update={"duration_s": 1.3})
     other = other.model_copy(update={"law": other.law.model_copy(update={"k_v": 2.1})})
-    monkeypatch.setattr("mjmerge.record.read.Recorded.scenario", lambda _: other)
+    monkeypatch.setattr("mjmerge.record.read.Recorded.scenario", lambda *_, **__: other)
     code, out, _ = mjmerge("replay", recorded.path, "--json")
     found = json.loads(out)
     assert code == 1
