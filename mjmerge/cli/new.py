@@ -14,9 +14,9 @@ from mjmerge.cli.options import Flag
 
 @dataclass(frozen=True)
 class New:
-    """Write a working, commented start of your own: a car (a folder), a driver, a scenario or a campaign."""
+    """Write a working, commented start: of a car (a folder), a driver, a metric, a scenario, a campaign."""
 
-    what: Annotated[Literal["car", "driver", "scenario", "campaign"], tyro.conf.Positional]
+    what: Annotated[Literal["car", "driver", "metric", "scenario", "campaign"], tyro.conf.Positional]
     """What to begin."""
     name: Annotated[str, tyro.conf.Positional]
     """What to call it: a letter, then letters, digits, _ and -."""

@@ -111,12 +111,23 @@ def _value(value: object) -> str:
 
 def _text(file: str, name: str) -> str:
     text = (_STARTS / file).read_text(encoding="utf-8")
-    return text.replace("{name}", name).replace("{Class}", class_of(name))
+    named = text.replace("{name}", name).replace("{Class}", class_of(name))
+    return named.replace("{name_}", _function_of(name))
 
 
 def class_of(name: str) -> str:
     """The name of a class: ``very_late`` becomes ``VeryLate``."""
     return "".join(part[:1].upper() + part[1:] for part in re.split("[_-]", name))
+
+
+def _function_of(name: str) -> str:
+    return name.replace("-", "_")
+
+
+def _measures(place: str, name: str) -> list[str]:
+    """The command that has a new metric measured."""
+    given = f'metrics=["{place}:{_function_of(name)}"]'
+    return [f"mjmerge run charge --set {quote(given)}"]
 
 
 def _drives(place: str, name: str) -> list[str]:
@@ -145,6 +156,7 @@ KINDS = {
         ],
     ),
     "driver": Start(lambda name: {f"{name}.py": _text("driver.txt", name)}, kinds, _drives),
+    "metric": Start(lambda name: {f"{name}.py": _text("metric.txt", name)}, dict, _measures),
     "scenario": Start(
         lambda name: {f"{name}.yaml": _text("scenario.yaml", name)},
         shipped.scenarios,

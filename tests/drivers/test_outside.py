@@ -264,13 +264,18 @@ def test_a_wrong_name_or_key_is_told_with_its_line_before_anything_runs(here, ke
     assert [(p.key, p.line) for p in problems] == [(f"drivers.vehicle_1.{key}", line)]
 
 
-def test_a_new_driver_drives_with_the_command_that_new_prints(here, capsys):
-    assert command("new", "driver", "very_late", "--json") == 0
+@pytest.mark.parametrize(
+    ("kind", "name"), [("driver", "very_late"), ("driver", "x-1"), ("metric", "clear-ance_m")]
+)
+def test_what_new_writes_runs_with_the_command_that_it_prints(here, capsys, kind, name):
+    assert command("new", kind, name, "--json") == 0
     (then,) = json.loads(capsys.readouterr().out)["next"]
     words = shlex.split(then)
     assert words[0] == "mjmerge"
     assert command(*words[1:], "--plant", "double_integrator", "--no-record", "--json") in (0, 1)
-    assert json.loads(capsys.readouterr().out)["verdict"] in ("held", "vacuous")
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] in ("held", "vacuous")
+    assert kind == "driver" or found["metrics"] == {"clear_ance_m": None}  # no bodies on that plant
 
 
 def test_a_sweep_does_not_go_on_with_other_code(here, capsys):
