@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,12 +21,26 @@ settings.load_profile("mjmerge")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="the long versions of tests that have one")
+    parser.addoption("--write", action="store_true", help="write what follows from the code")
 
 
 @pytest.fixture
 def long(request: pytest.FixtureRequest) -> bool:
     """Whether the long version of a test is asked for, with ``pytest --long``."""
     return bool(request.config.getoption("--long"))
+
+
+@pytest.fixture
+def written(request: pytest.FixtureRequest) -> Callable[[Path, str], None]:
+    """Compares a committed file with what the code makes of it; ``pytest --write`` writes it instead."""
+
+    def compare(path: Path, text: str) -> None:
+        if request.config.getoption("--write"):
+            path.write_text(text, encoding="utf-8", newline="")
+        same = path.read_text(encoding="utf-8") == text
+        assert same, f"{path.name} is not what the code says: `pytest --write {request.node.nodeid}`"
+
+    return compare
 
 
 @pytest.fixture

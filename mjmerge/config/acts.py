@@ -42,14 +42,23 @@ class Acts:
     random: bool = False
     beside: str = ""
 
+    @property
+    def where(self) -> str:
+        """Where it acts and with what else, in words."""
+        there = self._there if self.on else "no plant"
+        return f"{there}{', ' if self.only else ''}{self.only}" + "; in continuous time too" * self.continuous
+
+    @property
+    def _there(self) -> str:
+        return "every plant" if self.on == EVERY else listed(self.on)
+
     def why_not(self, scenario: Any, plant: str, *, continuous: bool) -> str | None:
         """Why it does not act there, in words that follow the key; ``None`` if it does."""
         if plant not in self.on:
             there = f"{listed(self.on)} only, not on {plant}" if self.on else "no plant"
             return f"acts on {there}{f': {self.only}' if not self.on else ''}"
         if continuous and not self.continuous:
-            where = "every plant" if self.on == EVERY else listed(self.on)
-            return f"acts on {where}, but not in continuous time"
+            return f"acts on {self._there}, but not in continuous time"
         return None if self.when(scenario) else f"acts only {self.only}"
 
 

@@ -21,14 +21,22 @@ class Unit:
 
 
 _SUFFIXES = {
-    "_per_s": Unit(0, -1),  # before the shorter one that it ends with
-    "_s": Unit(0, 1),
-    "_m": Unit(1, 0),
-    "_mps": Unit(1, -1),
-    "_mps2": Unit(1, -2),
-    "_rad": Unit(0, 0),
-    "_radps": Unit(0, -1),
+    "_per_s": ("1/s", Unit(0, -1)),  # before the shorter one that it ends with
+    "_s": ("s", Unit(0, 1)),
+    "_m": ("m", Unit(1, 0)),
+    "_mps": ("m/s", Unit(1, -1)),
+    "_mps2": ("m/s^2", Unit(1, -2)),
+    "_rad": ("rad", Unit(0, 0)),
+    "_radps": ("rad/s", Unit(0, -1)),
+    "_kg": ("kg", None),
+    "_n": ("N", None),
 }
+"""By the end of a name: how the unit is written, and what it is made of; ``None``: not changed by a scale."""
+
+
+def written(name: str) -> str:
+    """The unit at the end of a key's name as it is written in a table; 1 if there is none."""
+    return next((symbol for suffix, (symbol, _) in _SUFFIXES.items() if name.endswith(suffix)), "1")
 
 
 def unit(name: str, info: FieldInfo) -> Unit | None:
@@ -41,7 +49,7 @@ def unit(name: str, info: FieldInfo) -> Unit | None:
 
 def _named(name: str) -> Unit | None:
     """The unit at the end of a name; ``None`` if there is none."""
-    return next((of for suffix, of in _SUFFIXES.items() if name.endswith(suffix)), None)
+    return next((of for suffix, (_, of) in _SUFFIXES.items() if name.endswith(suffix)), None)
 
 
 def rescaled(model: _Model, length: float, time: float, inherited: Unit | None = None) -> _Model:

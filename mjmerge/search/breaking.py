@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mjmerge.errors import MjmergeError, nearest
+from mjmerge.scenario.axis import ranges
 from mjmerge.scenario.distinct import random
 from mjmerge.scenario.levels import LEVELS
 from mjmerge.scenario.mismatch import Mismatch, is_number
@@ -157,10 +158,7 @@ def ranged(text: str, source: str, settings: Mapping[str, Any], plant: str = "mu
 
 def _end(name: str, start: float, severe: float) -> float:
     """How far an axis goes beyond a severe mismatch."""
-    field = Mismatch.model_json_schema()["properties"][name]
-    bounds: dict[str, Any] = next(
-        (f for f in (field, *field.get("anyOf", ())) if f.get("type") == "number"), {}
-    )
+    bounds = ranges(Mismatch)[name]
     if severe < start:
         if "minimum" in bounds:
             return float(bounds["minimum"])

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from mjmerge.plant import PLANTS
+from mjmerge.scenario.axis import ranges
 from mjmerge.scenario.effect import acting
+from mjmerge.scenario.levels import LEVELS
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import SENSING, Mismatch
 from mjmerge.simulation.loop import simulate
@@ -24,8 +26,12 @@ SCENARIOS = (
     ("blocked", (*STANDS, "initial.ego.speed_mps=0")),
 )
 """What the batches are of: every kind of driver, both sizes, and cars that stand."""
-CHOICES = {"tyres": ("slip", "ideal"), "leader_acceleration": ("known", "unknown")}
+CHOICES = {name: found["enum"] for name, found in ranges(Mismatch).items() if "enum" in found}
 SPREAD = {
+    axis: (min(values), max(values))
+    for axis, levels in LEVELS["rc"].items()
+    if axis not in CHOICES and (values := [level[axis] for level in levels])
+} | {
     "friction": (0.2, 1.2),
     "left_friction": (0.2, 1.2),
     "patch_friction": (0.1, 1.0),
@@ -59,7 +65,7 @@ SPREAD = {
     "neighbour_reference_m": (0.0, 0.2),
     "neighbour_dropout": (0.0, 0.5),
 }
-"""Where each number is drawn from."""
+"""Where each number is drawn from: its levels, or wider."""
 DELAYS = ("command_delay_s", "sensing_delay_s", "neighbour_velocity_window_s", "leader_acceleration_delay_s")
 
 
@@ -117,7 +123,7 @@ def assert_alone(scenario, plant, batch, threads):
 
 
 def test_what_is_drawn_below_leaves_no_axis_out():
-    assert {*SPREAD, *CHOICES, *DELAYS} == set(Mismatch.model_fields)
+    assert {*SPREAD, *CHOICES} == set(Mismatch.model_fields)
     assert set(DELAYS) - set(SENSING) == {"command_delay_s"}
 
 

@@ -1,7 +1,6 @@
 """Mismatch in a batch: every simulation its own, none seen by the law, and the same bits alone."""
 
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from mjmerge.plant import make
 from mjmerge.plant.mujoco import MuJoCo
 from mjmerge.roster import CARS
 from mjmerge.scenario.cars import believed_sheets
-from mjmerge.scenario.levels import LEVELS, NAMES
+from mjmerge.scenario.levels import LEVELS
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import SENSING, Mismatch
 from mjmerge.simulation.loop import simulate
@@ -22,7 +21,7 @@ from mjmerge.world.compose import build
 loop = import_module("mjmerge.simulation.loop")
 NOTHING = Mismatch()
 PHYSICS = {name for name in Mismatch.model_fields if name not in SENSING}
-MIX = (
+HAND_MADE = (
     NOTHING,
     Mismatch(friction=0.4, grade_rad=0.05, torque_limit=0.5),
     Mismatch(left_friction=0.3, side_wind_n=2.0, steer_lag=5.0),
@@ -34,13 +33,6 @@ MIX = (
     Mismatch(command_delay_s=0.1, friction=0.6),
 )
 SHORT = load("charge", ["duration_s=0.25"])
-ALL = Mismatch(
-    friction=0.5, left_friction=0.4, patch_friction=0.3, patch_start_m=-1.0, patch_length_m=9.0,
-    grade_rad=0.05, bank_rad=0.02, tyres="ideal", side_wind_n=1.0, load_kg=1.0, load_ahead_m=-0.1,
-    load_above_m=0.1, com_raised_m=0.02, yaw_inertia=1.2, wheel_radius=0.95, front_stiffness=0.7,
-    rear_stiffness=0.8, suspension_stiffness=0.7, torque_limit=0.5, brake_limit=0.5, steer_limit_rad=0.2,
-    steer_rate_limit=0.5, steer_lag=4.0, drive_lag_s=0.1, command_delay_s=0.05,
-)  # fmt: skip
 
 
 def bits(trace, run=0):
@@ -52,7 +44,16 @@ def differs(mismatch):
     return {name for name in Mismatch.model_fields if getattr(mismatch, name) != getattr(NOTHING, name)}
 
 
-def test_the_mixes_below_leave_no_axis_out():
+LEFT = PHYSICS - set.union(*map(differs, HAND_MADE))
+MIX = (*HAND_MADE, *(Mismatch(**LEVELS["rc"][axis][2]) for axis in sorted(LEFT)))
+"""Hand-made mixes, and of what they leave out each axis by itself."""
+ALL = Mismatch(
+    **{key: value for axis in LEVELS["rc"].keys() & PHYSICS for key, value in LEVELS["rc"][axis][1].items()}
+    | {"tyres": "ideal", "patch_start_m": -1.0}
+)
+
+
+def test_the_mixes_leave_no_axis_out():
     assert set.union(*map(differs, MIX)) == PHYSICS
     assert differs(ALL) == PHYSICS
 
@@ -208,52 +209,3 @@ def test_a_limited_bicycle_that_thinks_itself_lighter_is_slower():
     plain, limited = (simulate(s, p) for p in ("bicycle", "bicycle_limited"))
     apart = np.abs(plain.front_m - limited.front_m)[0, :, 0].max()
     assert apart > 1e-3
-
-
-# the levels
-
-
-@pytest.mark.parametrize("size", ["rc", "full"])
-def test_every_axis_has_three_levels_that_a_scenario_accepts(size):
-    """But for where a patch or a load is, which goes with what it is, and for tyres, which is a choice."""
-    companions = {"patch_start_m", "patch_length_m", "load_ahead_m", "load_above_m", "tyres"}
-    assert set(LEVELS[size]) == set(Mismatch.model_fields) - companions
-    for axis, levels in LEVELS[size].items():
-        assert len(levels) == len(NAMES)
-        away = [differs(Mismatch(**level)) for level in levels]
-        assert all(axis in keys for keys in away), axis
-        if axis != "leader_acceleration":
-            values = np.array([level[axis] for level in levels])
-            default = getattr(NOTHING, axis)
-            off = np.abs(
-                values - (default if isinstance(default, float) else 0.6 if "steer" in axis else 1.0)
-            )
-            assert (np.diff(off) >= 0).all(), axis
-
-
-# the documentation
-
-
-def rows():
-    """The table of axes: its cells by key."""
-    text = (Path(__file__).parents[2] / "docs/mismatch.md").read_text("utf-8")
-    lines = text.partition("\n## Axes\n")[2].partition("\n### Beside these\n")[0].splitlines()
-    cells = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("| `"))
-    return {c[0].strip("`"): c[1:] for c in cells}
-
-
-def test_the_table_of_axes_is_complete():
-    assert list(rows()) == list(Mismatch.model_fields)
-    assert all(source and what for _, _, _, what, _, _, source in rows().values())
-
-
-@pytest.mark.parametrize("axis", list(Mismatch.model_fields))
-def test_the_table_has_the_default_and_the_levels_that_the_code_has(axis):
-    def words(value):
-        return "null" if value is None else f"{value:g}" if isinstance(value, float) else value
-
-    _, _, default, _, rc, full, _ = rows()[axis]
-    assert default == words(Mismatch.model_fields[axis].default)
-    for size, cell in (("rc", rc), ("full", full)):
-        levels = LEVELS[size].get(axis, ())
-        assert cell == ", ".join(words(level[axis]) for level in levels)
