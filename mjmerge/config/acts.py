@@ -43,14 +43,15 @@ class Acts:
     beside: str = ""
 
     @property
-    def where(self) -> str:
-        """Where it acts and with what else, in words."""
-        there = self._there if self.on else "no plant"
-        return f"{there}{', ' if self.only else ''}{self.only}" + "; in continuous time too" * self.continuous
+    def plants(self) -> str:
+        """The plants that have it, in words."""
+        return "every plant" if self.on == EVERY else listed(self.on) if self.on else "no plant"
 
     @property
-    def _there(self) -> str:
-        return "every plant" if self.on == EVERY else listed(self.on)
+    def where(self) -> str:
+        """Where it acts and with what else, in words."""
+        found = f"{self.plants}, {self.only}" if self.only else self.plants
+        return found + "; in continuous time too" * self.continuous
 
     def why_not(self, scenario: Any, plant: str, *, continuous: bool) -> str | None:
         """Why it does not act there, in words that follow the key; ``None`` if it does."""
@@ -58,7 +59,7 @@ class Acts:
             there = f"{listed(self.on)} only, not on {plant}" if self.on else "no plant"
             return f"acts on {there}{f': {self.only}' if not self.on else ''}"
         if continuous and not self.continuous:
-            return f"acts on {self._there}, but not in continuous time"
+            return f"acts on {self.plants}, but not in continuous time"
         return None if self.when(scenario) else f"acts only {self.only}"
 
 

@@ -1,4 +1,4 @@
-"""The axes of mismatch as they are shown: row by row, and in ``docs/mismatch.md``."""
+"""The axes of mismatch as they are shown: row by row, as JSON, and in ``docs/mismatch.md``."""
 
 from __future__ import annotations
 
@@ -36,6 +36,28 @@ def rows(model: type[Frozen]) -> list[Row]:
         )
         for name, axis in axes(model).items()
     ]
+
+
+def as_json(model: type[Frozen]) -> dict[str, dict[str, Any]]:
+    """Every axis of a mismatch as plain values; ranges as in JSON Schema, levels with all their keys."""
+    bounds, steps = ranges(model), levels(model)
+    return {
+        row.name: {
+            "part": row.axis.part,
+            "unit": row.unit,
+            "range": bounds[row.name],
+            "default": model.model_fields[row.name].default,
+            "levels": {
+                size: dict(zip(LEVEL_NAMES, map(dict, steps[size].get(row.name, ())), strict=False))
+                for size in SIZES
+            },
+            "plants": list(row.axis.on),
+            "only": row.axis.only,
+            "changes": row.axis.changes,
+            "source": row.axis.source,
+        }
+        for row in rows(model)
+    }
 
 
 def markdown(model: type[Frozen]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -217,6 +218,36 @@ def test_list_names_every_kind_and_entry(capsys):
         "mujoco",
     ):
         assert name in out
+
+
+def test_list_as_json_is_one_object_by_kind_and_name(capsys):
+    _, out, _ = run(capsys, "list", "--json")
+    found = json.loads(out)
+    kinds = ["scenarios", "campaigns", "models", "laws", "drivers", "plants", "metrics", "axes"]
+    assert list(found) == kinds
+    for kind in kinds:
+        _, out, _ = run(capsys, "list", kind, "--json")
+        assert json.loads(out) == {kind: found[kind]}
+        _, out, _ = run(capsys, "list", kind)
+        assert all(name in out for name in found[kind])
+
+
+def test_list_has_all_of_an_axis_on_a_line(capsys):
+    code, out, _ = run(capsys, "list", "axes")
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.startswith(" command_delay_s ")]
+    cells = ["command_delay_s", "s", "0 to 2", "0", "0.01, 0.02, 0.1", "0.05, 0.24, 0.4", "every plant"]
+    assert re.split(r"  +", line.strip()) == cells
+    assert " front_stiffness and rear_stiffness: only on tyres that slip (mismatch.tyres)\n" in out
+    _, out, _ = run(capsys, "list", "axes", "--json")
+    patch = json.loads(out)["axes"]["patch_friction"]
+    assert patch["levels"]["full"]["mild"] == {
+        "patch_friction": 0.6,
+        "patch_start_m": 60.0,
+        "patch_length_m": 10.0,
+    }
+    assert (patch["unit"], patch["default"], patch["plants"]) == ("1", None, ["mujoco"])
+    assert patch["range"] == {"exclusiveMinimum": 0, "maximum": 2}
 
 
 def test_export_prints_a_world_that_compiles(capsys):
