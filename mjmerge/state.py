@@ -1,4 +1,4 @@
-"""What passes between plant, law, drivers and actuation: units, frames and shapes in one place.
+"""What passes between plant, law, drivers and actuation: constants, units, frames and shapes in one place.
 
 N simulations, C cars (ego first). Vectors are in the road frame: x along the road, y to its left.
 """
@@ -8,10 +8,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+G_MPS2 = 9.81
+"""Gravity, m/s^2, which is also MuJoCo's."""
+NS_PER_S = 1_000_000_000
+"""Nanoseconds in a second; files count time in them."""
+
+
+def nanoseconds(time_s: ArrayLike) -> NDArray[np.int64]:
+    """Times in whole nanoseconds, the nearest ones."""
+    found: NDArray[np.int64] = np.rint(np.asarray(time_s, float) * NS_PER_S).astype(np.int64)
+    return found
 
 
 @dataclass(frozen=True)

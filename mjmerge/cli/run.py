@@ -16,12 +16,15 @@ import tyro
 from mjmerge.cli.options import Count, Flag, Overrides, at_least
 from mjmerge.cli.progress import progress_bar
 from mjmerge.cli.style import bold, plain
+from mjmerge.roster import PLANTS
 
 if TYPE_CHECKING:
     from mjmerge.record import Header
     from mjmerge.record.rerun.live import Live
 
-PlantName = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]
+    PlantName = str
+else:
+    PlantName = Literal[tuple(PLANTS)]
 
 
 @dataclass(frozen=True)

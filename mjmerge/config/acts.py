@@ -11,7 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-EVERY = ("double_integrator", "bicycle", "bicycle_limited", "mujoco")
+from mjmerge.roster import PLANTS
+
+EVERY = tuple(PLANTS)
 """All plants, from the proof to the cars; each of the following has more of a car than the one before."""
 WHEELS, LIMITS, BODIES = EVERY[1:], EVERY[2:], EVERY[3:]
 """Plants with wheels that steer; with the limits and the mass of a car; with bodies, tyres and a road."""

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.outputs import written
+from mjmerge.roster import PAINT
 from mjmerge.state import Array
 
-if TYPE_CHECKING:
-    pass
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-COLOURS = {"ego": "#2a9d55", "vehicle_1": "#2c61bf", "vehicle_2": "#d97321"}
+COLOURS = {car: "#" + "".join(f"{round(255 * c):02x}" for c in paint) for car, paint in PAINT.items()}
+"""Of each car."""
 
 
 OPINION = "#7b3fa0"

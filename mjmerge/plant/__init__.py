@@ -11,21 +11,12 @@ from importlib import import_module
 
 from mjmerge.errors import ModelError, UnknownNameError
 from mjmerge.plant.base import Fault, Plant, Smooth
+from mjmerge.roster import PLANTS
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.world.model import World
 
-__all__ = ["LIMITED", "PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
-
-PLANTS: dict[str, str] = {
-    "double_integrator": "front axles are point masses: the paper's proof",
-    "bicycle": "kinematic bicycles without limits: the paper's vehicle model",
-    "bicycle_limited": "kinematic bicycles with the mass and the limits of their cars",
-    "mujoco": "physical cars with mass, tyres, suspension, servos and limits",
-}
-"""What each plant is, by name."""
-LIMITED = ("bicycle_limited", "mujoco")
-"""Those that are told within the limits of their cars."""
+__all__ = ["PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
 
 
 def check(name: str, scenario: Scenario) -> None:

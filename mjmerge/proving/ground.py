@@ -19,7 +19,6 @@ from mjmerge.state import Array, Cars
 from mjmerge.vehicle.actuation import BelievedCars, command
 from mjmerge.world.model import World
 
-G_MPS2 = 9.81
 TICK_S = 0.01
 
 

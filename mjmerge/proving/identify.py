@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.proving.ground import G_MPS2, Log, wheel_loads_n
+from mjmerge.proving.ground import Log, wheel_loads_n
 from mjmerge.proving.manoeuvres import (
     STEPS_G,
     Scale,
@@ -41,7 +41,7 @@ from mjmerge.proving.readings import (
     yaw_wheelbase_m,
 )
 from mjmerge.roster import WHEELS
-from mjmerge.state import Array
+from mjmerge.state import G_MPS2, Array
 from mjmerge.vehicle.acceptance import Measured
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.world.compose import single

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.proving.ground import G_MPS2, Log, drive
-from mjmerge.state import Array, Cars
+from mjmerge.proving.ground import Log, drive
+from mjmerge.state import G_MPS2, Array, Cars
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.world.model import World
 

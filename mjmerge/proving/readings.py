@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.proving.ground import G_MPS2, Log
+from mjmerge.proving.ground import Log
 from mjmerge.proving.manoeuvres import (
     Scale,
 )
-from mjmerge.state import Array
+from mjmerge.state import G_MPS2, Array
 from mjmerge.vehicle.actuation import AIR_KG_PER_M3
 from mjmerge.vehicle.datasheet import DataSheet
 

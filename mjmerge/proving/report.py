@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import LINE, save, save_columns, save_rows, sheet
+from mjmerge.figures.style import COLOURS, LINE, MU, save, save_columns, save_rows, sheet
 from mjmerge.outputs import put
-from mjmerge.proving.ground import G_MPS2
 from mjmerge.proving.identify import FRICTION, Identification
 from mjmerge.proving.manoeuvres import compliance_rad
 from mjmerge.proving.readings import steering_beyond_rad
+from mjmerge.state import G_MPS2
 from mjmerge.vehicle.acceptance import Measured
 from mjmerge.vehicle.actuation import AIR_KG_PER_M3
 
@@ -32,7 +32,7 @@ FILES = (
 )
 """All that is written; ``table.md`` comes last and marks the folder as complete."""
 
-_FRONT, _REAR, _MODEL = "#2c61bf", "#d97321", "#999999"
+_FRONT, _REAR, _MODEL = COLOURS["vehicle_1"], COLOURS["vehicle_2"], MU
 _SMOOTH = 20  # samples of the line drawn through lateral acceleration
 _WORDS = {True: "yes", False: "NO", None: ""}
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from mjmerge.state import Array
 
-NS_PER_S = 1_000_000_000
 Ticks = NDArray[np.int64]
 Said = tuple[int, str, str]
 

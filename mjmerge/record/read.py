@@ -20,7 +20,7 @@ from mjmerge.config.document import parse
 from mjmerge.errors import ScenarioError, UnreadableError
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
-from mjmerge.record.contents import NS_PER_S, Found, Said, Ticks
+from mjmerge.record.contents import Found, Said, Ticks
 from mjmerge.record.manifest import canonical
 from mjmerge.record.mcap.file import TooLargeError
 from mjmerge.record.mcap.reader import gather_mcap
@@ -30,7 +30,7 @@ from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import COLUMNS, Stop, Trace, the_truth
-from mjmerge.state import Array
+from mjmerge.state import NS_PER_S, Array
 from mjmerge.vehicle.datasheet import DataSheet
 
 _MCAP_MAGIC, _RRD_MAGIC = b"\x89MCAP0\r\n", b"RRF2"

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.outputs import PARTIAL
@@ -20,7 +20,7 @@ from mjmerge.record.scene import Scene
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.log import Block
 from mjmerge.simulation.sensing import exact
-from mjmerge.state import Array
+from mjmerge.state import Array, nanoseconds
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.verdict.metrics import Event
 from mjmerge.verdict.phases import Phase
@@ -178,11 +178,6 @@ class Recorder(Protocol):
 
 
 Factory = Callable[[Path, Header, Scene], Recorder]
-
-
-def nanoseconds(time_s: ArrayLike) -> NDArray[np.int64]:
-    """Simulated time in whole nanoseconds, the nearest ones."""
-    return np.rint(np.asarray(time_s, float) * 1e9).astype(np.int64)
 
 
 def _why(error: BaseException) -> str:

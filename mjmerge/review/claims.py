@@ -12,7 +12,7 @@ from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, differing, some
 from mjmerge.roster import CARS
 from mjmerge.simulation.trace import Trace
-from mjmerge.state import Array
+from mjmerge.state import NS_PER_S, Array
 from mjmerge.verdict import own
 from mjmerge.verdict.judge import HELD, INCOMPLETE, VACUOUS, Verdict
 from mjmerge.verdict.metrics import events
@@ -133,7 +133,7 @@ def _happened(found: Recorded, trace: Trace, verdict: Verdict) -> Check:
     """Events and phases are those of the trace."""
 
     def ns(time_s: float) -> int:
-        return int(np.rint(time_s * 1e9))
+        return int(np.rint(time_s * NS_PER_S))
 
     said = [(ns(e.time_s), e.level, f"{e.car}: {e.text}") for e in [*events(trace), *verdict.events()]]
     states = [(ns(p.time_s), p.subject, p.state) for p in phases(trace)]
@@ -141,7 +141,7 @@ def _happened(found: Recorded, trace: Trace, verdict: Verdict) -> Check:
     wrong = []
     for name, ours, theirs in (("event", said, there), ("phase", states, found.states)):
         for word, odd in (("missing", set(ours) - set(theirs)), ("not so", set(theirs) - set(ours))):
-            wrong += [f"{name} {word}: {text!r} at {t / 1e9:.2f} s" for t, *_, text in sorted(odd)]
+            wrong += [f"{name} {word}: {text!r} at {t / NS_PER_S:.2f} s" for t, *_, text in sorted(odd)]
         if not wrong and len(ours) != len(theirs):
             wrong.append(f"{len(theirs)} {name}s, not {len(ours)}")
     return checked("events", wrong, f"{len(there)} events and {len(found.states)} changes of phase")

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import PrivateAttr
 
+from mjmerge.config.acts import LIMITS
 from mjmerge.drivers import Absent, Along, Driver, Traffic
 from mjmerge.law import Sensed, advance, decide
-from mjmerge.plant import LIMITED
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
@@ -54,7 +54,7 @@ def cars_of(found: Recorded, trace: Trace) -> Cars:
     """The recorded motion, tick by tick in place of simulation by simulation, (T, C)."""
     c = found.columns
     commanded = c["steer_rad"]
-    if trace.plant in LIMITED:
+    if trace.plant in LIMITS:
         commanded = np.concatenate([np.zeros((1, len(CARS))), c["steer_command_rad"][:-1]])
     return Cars(
         front_m=c["front_m"],
@@ -243,7 +243,7 @@ class _AsRecorded(Driver):
 
 def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) -> dict[str, Array]:
     """What the cars are told, by column, tick after tick: feet remember."""
-    believed = BelievedCars.of(believed_sheets(trace.scenario), limited=trace.plant in LIMITED)
+    believed = BelievedCars.of(believed_sheets(trace.scenario), limited=trace.plant in LIMITS)
     eps_v_mps, feet = trace.scenario.law.eps_v_mps, Feet(found.step_s)
     told = []
     for k in range(len(found.ticks)):

@@ -20,7 +20,7 @@ from mjmerge.review.shown import shown
 from mjmerge.roster import CARS, PAIR_NAMES, PAIRS
 from mjmerge.simulation.log import Block
 from mjmerge.simulation.trace import Trace
-from mjmerge.state import Array, norm
+from mjmerge.state import NS_PER_S, Array, norm
 from mjmerge.vehicle.actuation import bicycle_angle
 from mjmerge.world.checks.parts import STEERED
 
@@ -117,7 +117,7 @@ def _poses(there: _Drawn) -> Check:
     expected = standing_poses(found, there.about, there.rows) if ideal else _columns(there)
     for name, pose in expected.items():
         times, track = there.tracks[name]
-        wrong += _apart(name, track, pose[: len(times)], times / 1e9)
+        wrong += _apart(name, track, pose[: len(times)], times / NS_PER_S)
     if not ideal:
         wrong += _mechanism(there)
     says = f"{len(there.scene.frames)} things at {drawn_times} times, where positions and headings say"
@@ -154,7 +154,7 @@ def _mechanism(there: _Drawn) -> list[str]:
     for c, car in enumerate(CARS):
         chassis = f"{car}/chassis"
         times, body = there.tracks[chassis]
-        rows, time_s = there.rows[: len(times)], times / 1e9
+        rows, time_s = there.rows[: len(times)], times / NS_PER_S
         turn = _matrices(body[:, 3:])
         axle = body[:, :3] + turn @ model.site(f"{car}/front_axle").pos
         front_m, heading = found.columns["front_m"][rows, c], found.columns["heading_rad"][rows, c]
@@ -268,7 +268,7 @@ def _carried(there: _Drawn, car: int) -> Any:
     speed = norm(there.found.columns["velocity_mps"][:, car])
     if not (after.any() and speed[after].max() > _MOVES_MPS):
         since_ns = times[-1]
-    lasts = now_ns[-1] >= since_ns + 1e9 * DRAWN_EVERY_S  # otherwise its next pose is not due yet
+    lasts = now_ns[-1] >= since_ns + NS_PER_S * DRAWN_EVERY_S  # otherwise its next pose is not due yet
     return (now_ns > since_ns) & lasts
 
 

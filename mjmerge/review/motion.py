@@ -13,10 +13,9 @@ from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.roster import CARS
 from mjmerge.simulation.trace import Trace
-from mjmerge.state import Array, Cars, Controls, Mask, norm
+from mjmerge.state import G_MPS2, Array, Cars, Controls, Mask, norm
 
 _RELATIVE = 1e-9
-_G_MPS2 = 9.81
 _AXLE = 1.6
 """A front axle may accelerate by this times what its tyres could give the whole car: it also turns it."""
 _SPARE_MPS2 = 3.0
@@ -168,8 +167,8 @@ def _physical(found: Recorded, trace: Trace) -> Check:
     others = (mismatch.left_friction, mismatch.patch_friction)
     frictions = [mismatch.friction, *(f for f in others if f is not None)]
     most = (
-        _AXLE * max(frictions) * _G_MPS2
-        + 2 * _G_MPS2 * (abs(mismatch.grade_rad) + abs(mismatch.bank_rad))
+        _AXLE * max(frictions) * G_MPS2
+        + 2 * G_MPS2 * (abs(mismatch.grade_rad) + abs(mismatch.bank_rad))
         + 2 * abs(mismatch.side_wind_n) / mass_kg
         + _SPARE_MPS2
     )
@@ -195,7 +194,7 @@ def _physical(found: Recorded, trace: Trace) -> Check:
     turned = np.abs(np.angle(np.exp(1j * (heading[rows + 1] - heading[rows]))))
     turning = h * (np.abs(across[rows]) + np.abs(across[rows + 1])) / 2 / wheelbase_m
     fast = norm(v[rows])
-    loose = (norm(change) > _GRIPS * min(frictions) * _G_MPS2 * h) | (hit > 0)
+    loose = (norm(change) > _GRIPS * min(frictions) * G_MPS2 * h) | (hit > 0)
     slid = np.logical_or.accumulate(loose, axis=0)
     slides = h / wheelbase_m * np.where(slid, _SLIDES_MPS + fast, np.maximum(_SLIDES_MPS, _SLIDES * fast))
     _bounded(wrong, "heading_rad", turned, turning + slides + h * kick / wheelbase_m, time_s)

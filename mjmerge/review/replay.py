@@ -28,7 +28,7 @@ from mjmerge.scenario.metrics import find, metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import COLUMNS, Trace
-from mjmerge.state import Array
+from mjmerge.state import NS_PER_S, Array
 from mjmerge.verdict.judge import judge
 from mjmerge.verdict.own import run
 from mjmerge.versions import versions
@@ -180,7 +180,7 @@ def replay(
     for column in COLUMNS:
         there = found.columns[column.name][inside]
         new = getattr(again, column.name)[0, found.ticks[inside]]
-        difference = _difference(column.name, there, new, found.time_ns[inside] / 1e9)
+        difference = _difference(column.name, there, new, found.time_ns[inside] / NS_PER_S)
         if difference is not None:
             differences.append(difference)
     metrics, left_out = _metrics(found, again, any_code) if whole else ({}, ())

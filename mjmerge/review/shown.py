@@ -12,7 +12,6 @@ import numpy as np
 
 from mjmerge.errors import MjmergeError
 from mjmerge.record import schema
-from mjmerge.record.contents import NS_PER_S
 from mjmerge.record.mcap.reader import mcap_messages
 from mjmerge.record.read import Recorded
 from mjmerge.record.recording import Header, Outcome
@@ -21,6 +20,7 @@ from mjmerge.record.rerun.reader import rrd_batches
 from mjmerge.record.scene import Scene
 from mjmerge.review.check import Check, checked
 from mjmerge.review.poses import posed
+from mjmerge.state import NS_PER_S
 from mjmerge.verdict.metrics import Event
 from mjmerge.verdict.phases import Phase
 from mjmerge.versions import versions

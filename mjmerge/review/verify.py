@@ -24,6 +24,7 @@ from mjmerge.review.drawn import drawn
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.state import NS_PER_S
 from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.versions import versions
@@ -240,7 +241,9 @@ def _time(found: Recorded, trace: Trace) -> Check:
         last = int(found.ticks[-1])
     for name, (ticks, time_ns) in found.grids.items():
         outside = np.flatnonzero((ticks < 0) | (ticks >= trace.scenario.ticks))
-        wrong += [f"{name} has a tick outside the scenario, at {time_ns[k] / 1e9:.2f} s" for k in outside[:1]]
+        wrong += [
+            f"{name} has a tick outside the scenario, at {time_ns[k] / NS_PER_S:.2f} s" for k in outside[:1]
+        ]
         there, counts = np.unique(ticks[ticks <= last], return_counts=True)
         lacks = np.flatnonzero(there != np.arange(len(there)))
         if lacks.size or len(there) <= last:
@@ -248,7 +251,7 @@ def _time(found: Recorded, trace: Trace) -> Check:
         wrong += [f"{name} has tick {there[k]} more than once" for k in np.flatnonzero(counts > 1)[:1]]
         if np.any(np.diff(time_ns) < 0):
             wrong.append(f"{name} goes back in time")
-        off = np.flatnonzero(time_ns != np.rint(ticks * found.step_s * 1e9))
+        off = np.flatnonzero(time_ns != np.rint(ticks * found.step_s * NS_PER_S))
         wrong += [f"{name} has tick {ticks[k]} at {time_ns[k]} ns" for k in off[:1]]
     if not np.array_equal(found.columns["time_s"], found.ticks * found.step_s):
         wrong.append("time_s is not the tick's number times the control step")

@@ -26,7 +26,7 @@ from mjmerge.figures.style import words
 from mjmerge.outputs import no_room, whole
 from mjmerge.roster import NEIGHBOURS
 from mjmerge.simulation.trace import Trace
-from mjmerge.state import Array
+from mjmerge.state import NS_PER_S, Array
 from mjmerge.verdict.metrics import INTENT, merged_at_s
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def render(recording: Path, out: Path, options: Options) -> Iterator[float]:
     about, trace = header(found), found.trace()
     scene = Scene(about.model, about.scenario.law.r_m)
     count = int(found.last_s * options.fps / options.speed) + 1
-    wanted_ns = np.arange(count) * (1e9 * options.speed / options.fps)
+    wanted_ns = np.arange(count) * (NS_PER_S * options.speed / options.fps)
     rows = np.clip(np.searchsorted(found.time_ns, wanted_ns - 0.5e9 * found.step_s), 0, len(found.ticks) - 1)
     pos_m, quat = poses(found, about, scene, rows)
     panel, stage = Panel(trace), Stage(about.model, scene, trace, options.camera)

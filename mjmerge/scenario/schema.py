@@ -282,6 +282,3 @@ class Scenario(Frozen):
     def substeps(self) -> int:
         """Physics steps per control step."""
         return round(self.control_step_s / self.physics_step_s)
-
-
-Plant = Literal["double_integrator", "bicycle", "bicycle_limited", "mujoco"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.figures.style import COLOURS, LINE, MU, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, sheet, words
 from mjmerge.sweep.campaign import GRID, RANDOM
 from mjmerge.sweep.plan import Plan
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, Rows, groups
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PANELS = 24
-_VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], "#7b3fa0", MU)
+_VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], OPINION, MU)
 _OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}
 
 

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.state import Array, Cars, Controls, Mask, limit
+from mjmerge.state import G_MPS2, Array, Cars, Controls, Mask, limit
 from mjmerge.vehicle.bicycle import inverse
 from mjmerge.vehicle.datasheet import DataSheet
 
 AIR_KG_PER_M3 = 1.2
 """Density of air."""
-_G_MPS2 = 9.81
 CRAWL_MPS = 0.02
 """Below this speed there is nothing to brake: torque against it starts the car backwards."""
 UNMOVED_MPS2 = 0.01
@@ -70,7 +69,7 @@ class BelievedCars:
             track_m=column("track_m"),
             effective_mass_kg=column("effective_mass_kg"),
             wheel_radius_m=column("wheel_radius_m"),
-            rolling_n=column("rolling_resistance") * column("mass_kg") * _G_MPS2,
+            rolling_n=column("rolling_resistance") * column("mass_kg") * G_MPS2,
             drag_n_per_mps2=AIR_KG_PER_M3 / 2 * column("drag_area_m2"),
             torque_limit_n_m=no_limit * column("torque_limit_n_m") / drive.max(axis=1),
             power_limit_w=no_limit * column("power_limit_w"),

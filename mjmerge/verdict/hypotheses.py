@@ -15,6 +15,7 @@ from math import pi
 
 import numpy as np
 
+from mjmerge.config.acts import BODIES, EVERY, LIMITS, WHEELS
 from mjmerge.law.opinion_dynamics.barrier import effective_distance
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.mismatch import column
@@ -32,11 +33,6 @@ SEEN = 0.02
 FELT = 0.1
 """It knows its rate to within this part of k_o (0.1 m/s at the paper's scale): d falls by a factor
 exp(-v/k_o) for a closing speed v, so an error of that size changes the distance that is kept by a tenth."""
-
-_ALL = ("double_integrator", "bicycle", "bicycle_limited", "mujoco")
-_WHEELS = _ALL[1:]
-_LIMITS = _ALL[2:]
-_BODIES = ("mujoco",)
 
 
 @dataclass(frozen=True)
@@ -56,7 +52,7 @@ class Hypothesis:
     asks: str
     marks: Callable[[Trace], Mask]
     reads: tuple[str, ...]
-    plants: tuple[str, ...] = _ALL
+    plants: tuple[str, ...] = EVERY
     sampled: bool = False
 
     def asked(self, trace: Trace) -> bool:
@@ -115,7 +111,7 @@ def _neighbours_bounded(trace: Trace) -> Mask:
 
 def _neighbours_apart(trace: Trace) -> Mask:
     """By their bodies where there are any, else by the bodies they would have: rectangles along the road."""
-    if trace.plant in _BODIES:
+    if trace.plant in BODIES:
         touching: Mask = trace.touching[:, :, 2]
         return touching
     one, other = car_sheets(trace.scenario)[1:]
@@ -161,7 +157,7 @@ def _rolling(trace: Trace) -> Mask:
 
 def _steers_within(trace: Trace) -> Mask:
     """A car's limit is in its data sheet; that of the bicycle equations is pi/2."""
-    limit = trace.sheets[0].steer_limit_rad if trace.plant in _LIMITS else pi / 2
+    limit = trace.sheets[0].steer_limit_rad if trace.plant in LIMITS else pi / 2
     beyond: Mask = np.abs(trace.steer_rad[:, :, 0]) >= limit
     return beyond
 
@@ -225,7 +221,7 @@ def _prompt(trace: Trace) -> Mask:
         d = trace.distance_m[run]
         near = d > 0
         gain = law.k_v + law.k_o / np.where(near, effective_distance(law, d), np.inf)
-        turn = np.maximum(trace.speed_mps[run, :, :1], 0) / wheelbase_m if trace.plant in _WHEELS else None
+        turn = np.maximum(trace.speed_mps[run, :, :1], 0) / wheelbase_m if trace.plant in WHEELS else None
         late[run] = np.any(near & (longest_delay_s(gain, law.k_p, turn) <= late_s[run]), axis=1)
     return late
 
@@ -276,17 +272,17 @@ HYPOTHESES: dict[str, Hypothesis] = {
             "|v_r| >= eps_v, where the bicycle inverse is exact",
             _rolling,
             ("speed_mps",),
-            _WHEELS,
+            WHEELS,
         ),
         Hypothesis(
-            "steering within limit", "|delta| is less than its limit", _steers_within, ("steer_rad",), _WHEELS
+            "steering within limit", "|delta| is less than its limit", _steers_within, ("steer_rad",), WHEELS
         ),
         Hypothesis(
             "command within limits",
             "the ego is never asked for more than it can do",
             _unsaturated,
             ("torque_clipped_n_m", "steer_clipped_rad"),
-            _LIMITS,
+            LIMITS,
         ),
         Hypothesis(
             "ego moves as commanded",
@@ -314,7 +310,7 @@ HYPOTHESES: dict[str, Hypothesis] = {
             "bodies do not touch while d_j > 0: the theorem is about front axles",
             _margin_covers,
             ("distance_m", "clearance_m", "contact_impulse_n_s"),
-            _BODIES,
+            BODIES,
         ),
     )
 }

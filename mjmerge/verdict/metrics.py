@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mjmerge.config.bounds import whole
 from mjmerge.roster import CARS, PAIRS
 from mjmerge.simulation.trace import Trace, check_trace
-from mjmerge.state import Array, Mask
+from mjmerge.state import Array, Mask, nanoseconds
 
 MERGED_M = 0.1
 """Lateral error below which, and for good, the merge counts as done, m."""
@@ -124,7 +124,7 @@ def merged_at_s(trace: Trace) -> Array:
 
 def shared_ticks(a: Trace, b: Trace) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Ticks of one trace and of the other that are at the same times, each (T,)."""
-    ns_a, ns_b = (np.rint(trace.time_s * 1e9).astype(np.int64) for trace in (a, b))
+    ns_a, ns_b = (nanoseconds(trace.time_s) for trace in (a, b))
     in_a = np.flatnonzero(np.isin(ns_a, ns_b))
     return in_a, np.searchsorted(ns_b, ns_a[in_a])
 

@@ -20,7 +20,7 @@ import mujoco
 
 from mjmerge.config import shipped
 from mjmerge.errors import ModelError
-from mjmerge.roster import CARS, WHEELS
+from mjmerge.roster import CARS, PAINT, WHEELS
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.mismatch import Mismatch, Tyre
 from mjmerge.scenario.schema import Scenario
@@ -45,12 +45,6 @@ with warnings.catch_warnings():  # dm_control looks for a window on import, and 
     from dm_control import mjcf
 
 
-_PAINT = {
-    "ego": (0.16, 0.62, 0.33, 1),
-    "vehicle_1": (0.17, 0.38, 0.75, 1),
-    "vehicle_2": (0.85, 0.45, 0.13, 1),
-}
-"""Body colour by role; the paper draws the ego green and its neighbours blue."""
 _CLEARANCE_CUTOFF_M = 100.0
 _LINE = re.compile(r", (id \d+, )?line \d+")
 
@@ -228,7 +222,7 @@ def _add_car(
     """Attaches a car under its role's name, paints it, frees it, and lets its tyres touch the road."""
     model, file = _load_car(folder, sheet)
     model.model = car
-    model.find("material", "paint").rgba = _PAINT[car]
+    model.find("material", "paint").rgba = (*PAINT[car], 1)
     frame = root.attach(model)
     frame.add("freejoint", name="free")
     for wheel in WHEELS:

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjmerge.proving.ground import G_MPS2, Log, drive
+from mjmerge.proving.ground import Log, drive
 from mjmerge.proving.manoeuvres import Scale, hold
+from mjmerge.state import G_MPS2
 from mjmerge.world.compose import single
 from tests.physics.setups import set_up, turning_inertia_kg_m2
 from tests.physics.single_track import SingleTrack

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from mjmerge.config import shipped
-from mjmerge.proving.ground import G_MPS2
 from mjmerge.proving.identify import identify
 from mjmerge.proving.manoeuvres import STEPS_G, Scale, brake, steer_ramp
 from mjmerge.proving.readings import braking_distance_m, braking_mps2, peak_lateral_mps2, steering_beyond_rad
+from mjmerge.state import G_MPS2
 from mjmerge.vehicle.acceptance import FILE, acceptance
 from mjmerge.vehicle.actuation import AIR_KG_PER_M3
 from mjmerge.world.compose import single

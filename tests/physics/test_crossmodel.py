@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mjmerge.proving.ground import G_MPS2
+from mjmerge.state import G_MPS2
 from tests.physics.crossmodel import LOADED, MANOEUVRES, compare
 
 

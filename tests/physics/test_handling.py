@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mjmerge.proving.ground import G_MPS2, drive
+from mjmerge.proving.ground import drive
 from mjmerge.proving.manoeuvres import Scale, hold, steady_turns, turn, understeer_rad_s2_per_m
 from mjmerge.proving.readings import read_turns
+from mjmerge.state import G_MPS2
 from mjmerge.world.compose import single
 from tests.physics.setups import set_up, turning_inertia_kg_m2
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from mjmerge.plant import make
-from mjmerge.proving.ground import G_MPS2, TICK_S, drive
+from mjmerge.proving.ground import TICK_S, drive
 from mjmerge.roster import CARS
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.simulation.loop import simulate
+from mjmerge.state import G_MPS2
 from mjmerge.vehicle.actuation import CRAWL_MPS, BelievedCars, command
 from mjmerge.world.compose import build, single
 

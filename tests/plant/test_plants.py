@@ -1,5 +1,8 @@
 """What every plant promises, over every plant there is."""
 
+from importlib import import_module
+from pkgutil import iter_modules
+
 import numpy as np
 import pytest
 
@@ -41,6 +44,11 @@ def controls(runs, u=(0.0, 0.0)):
         torque_clipped_n_m=np.zeros(cars),
         steer_clipped_rad=np.zeros(cars),
     )
+
+
+def test_plants_are_the_modules_that_make_one():
+    modules = (import_module(f"mjmerge.plant.{m.name}") for m in iter_modules(plants.__path__))
+    assert {m.__name__.rpartition(".")[2] for m in modules if hasattr(m, "make")} == set(plants.PLANTS)
 
 
 def test_an_unknown_plant_is_refused_with_the_nearest(world):

@@ -5,13 +5,16 @@ import pkgutil
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 
 from mjmerge.config import shipped
 from mjmerge.errors import ModelError
+from mjmerge.figures.style import COLOURS
 from mjmerge.roster import CARS, WHEELS
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.state import G_MPS2
 from mjmerge.vehicle.actuation import ackermann
 from mjmerge.world.checks.parts import DRIVE, DRIVEN, STEER
 from mjmerge.world.compose import build, compose
@@ -95,6 +98,17 @@ def assert_numbers(model, data, car, sheet):
         if i in DRIVEN[sheet.drive]:
             motor = model.actuator(f"{car}/{DRIVE[i]}").ctrlrange
             assert motor == pytest.approx([-sheet.torque_limit_n_m, sheet.torque_limit_n_m])
+
+
+def test_gravity_is_what_the_law_and_the_judges_take_it_for():
+    assert build(load("paper")).model.opt.gravity.tolist() == [0, 0, -G_MPS2]
+
+
+def test_figures_have_the_colours_of_the_cars_in_the_world():
+    model = build(load("paper")).model
+    for car in CARS:
+        painted = model.material(f"{car}/paint").rgba
+        assert to_hex(painted) == COLOURS[car]
 
 
 def test_cars_stand_still_until_they_are_driven(world):

@@ -19,9 +19,10 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
-from mjmerge.record.contents import NS_PER_S, Found
+from mjmerge.record.contents import Found
 from mjmerge.record.manifest import SCHEMA_VERSION
 from mjmerge.record.mcap.file import McapFile, Message
+from mjmerge.state import NS_PER_S
 
 if TYPE_CHECKING:
     from mjmerge.record.schema import Field

@@ -23,9 +23,9 @@ from mjmerge.record import schema
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
 from mjmerge.record.mcap import foxglove as foxglove_layout
 from mjmerge.record.mcap.wire import Layout
-from mjmerge.record.recording import Header, Outcome, PosedBlock, nanoseconds
+from mjmerge.record.recording import Header, Outcome, PosedBlock
 from mjmerge.record.scene import DISC_RGBA, Frame, Scene, Shape, closeness
-from mjmerge.state import Array
+from mjmerge.state import NS_PER_S, Array, nanoseconds
 
 WORLD = "world"
 _CHUNK_BYTES = 256 * 1024
@@ -135,7 +135,7 @@ def _log_message(time_s: float, level: fox.LogLevel, name: str, message: str) ->
 
 
 def _timestamp(time_ns: int) -> fox.Timestamp:
-    return fox.Timestamp(*divmod(time_ns, 1_000_000_000))
+    return fox.Timestamp(*divmod(time_ns, NS_PER_S))
 
 
 def _scene_update(scene: Scene) -> fox.SceneUpdate:

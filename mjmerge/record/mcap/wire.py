@@ -12,10 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.state import Array
+from mjmerge.state import NS_PER_S, Array
 
 _VARINT, _FIXED64, _BYTES = 0, 1, 2
-_NS_PER_S = 1_000_000_000
 _WIDTH = 5
 """Bytes of every number in a time: 35 bits. Protobuf allows more bytes than a number needs."""
 
@@ -104,7 +103,7 @@ class Layout:
             values = np.ascontiguousarray(doubles, "<f8").view(np.uint8).reshape(*doubles.shape, 8)
             rows[:, np.add.outer(self._doubles, np.arange(8))] = values
         if self._times:
-            parts = np.stack(np.divmod(time_ns, _NS_PER_S), axis=-1)[..., None]
+            parts = np.stack(np.divmod(time_ns, NS_PER_S), axis=-1)[..., None]
             digits = parts >> (7 * np.arange(_WIDTH)) & 0x7F
             digits[..., :-1] |= 0x80
             repeats = len(self._times) // 2

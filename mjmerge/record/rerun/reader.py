@@ -19,11 +19,11 @@ import numpy as np
 from mjmerge.config.bounds import patience_s
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
-from mjmerge.record.contents import NS_PER_S, Found, Ticks
+from mjmerge.record.contents import Found, Ticks
 from mjmerge.record.manifest import SCHEMA_VERSION
 from mjmerge.record.mcap.file import TooLargeError
 from mjmerge.record.rerun.file import whole_frames
-from mjmerge.state import Array
+from mjmerge.state import NS_PER_S, Array
 from mjmerge.verdict.phases import ENDED, NAMES
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from mjmerge.errors import OutputError, RecordingError
 from mjmerge.outputs import WHOLE
 from mjmerge.record import plots, report
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
-from mjmerge.record.recording import Header, Outcome, PosedBlock, join, nanoseconds
+from mjmerge.record.recording import Header, Outcome, PosedBlock, join
 from mjmerge.record.rerun import layout
 from mjmerge.record.rerun.draw import (
     Still,
@@ -41,7 +41,7 @@ from mjmerge.record.rerun.stream import new_stream, save, send_layout
 from mjmerge.record.scene import Scene, closeness
 from mjmerge.roster import CARS
 from mjmerge.simulation.log import BLOCK_S
-from mjmerge.state import Array
+from mjmerge.state import Array, nanoseconds
 from mjmerge.verdict.metrics import Event
 from mjmerge.versions import git_revision
 
