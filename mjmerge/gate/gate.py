@@ -33,7 +33,7 @@ from mjmerge.scenario.mismatch import column
 from mjmerge.scenario.schema import Check
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
-from mjmerge.state import Array, Mask, norm
+from mjmerge.state import G_MPS2, Array, Mask, norm
 from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.versions import versions
@@ -42,7 +42,6 @@ TOLERANCE_M = 2e-4
 """A margin that differs from its baseline by more has moved."""
 RATE_DEFECT_MPS = 0.1
 """The recorded d_j' must be the rate of the recorded d_j to within this much: it tells the sign of g_j."""
-G_MPS2 = 9.81
 _NEVER: tuple[None, Mapping[str, str]] = (None, {})
 
 
