@@ -20,7 +20,6 @@ from mjmerge.figures.runs import figure
 from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
 from mjmerge.record import FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
-from mjmerge.roster import CARS
 from mjmerge.scenario.cars import car_sheets, codes
 from mjmerge.scenario.distinct import random
 from mjmerge.scenario.effect import check as check_effect
@@ -197,7 +196,7 @@ def run(
 
 def _accepted(scenario: Scenario, plant: str) -> list[Acceptance]:
     """What is known of the physical car models that a run is about; nothing where there are none."""
-    names = dict.fromkeys(getattr(scenario.models, car) for car in CARS) if plant == "mujoco" else {}
+    names = dict.fromkeys(scenario.car_models) if plant == "mujoco" else {}
     return [acceptance(shipped.model_folder(name)) for name in names]
 
 

@@ -36,7 +36,7 @@ class Cars:
         speed_mps: v_r, rear-axle speed along the car, (N, C).
         steer_rad: delta of the equivalent bicycle, positive to the left, (N, C).
         steer_command_rad: the angle last commanded, (N, C); the plant may lag behind it.
-        clearance_m: between bodies, pairs as in ``PAIRS``, (N, P); NaN where the plant has no bodies.
+        clearance_m: between bodies, pairs as in the roster, (N, P); NaN where the plant has no bodies.
     """
 
     front_m: Array

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple, get_args, get_origin
 from pydantic_core import ErrorDetails
 
 from mjmerge.config.document import described, scalar
-from mjmerge.config.frozen import Frozen
+from mjmerge.config.frozen import Frozen, PerCar
 from mjmerge.errors import nearest
+from mjmerge.roster import neighbour, slot
 
 
 class _Spot(NamedTuple):
@@ -36,6 +37,8 @@ def _spot(model: type[Frozen], location: tuple[int | str, ...]) -> _Spot:
             field, holder = part, inside[0]
             keys.append(part)
             info = holder.model_fields.get(part)
+            if info is None and issubclass(holder, PerCar) and slot(part) is not None:
+                info = holder.model_fields[neighbour(0)]  # as which every further one is
             inside = list(_models_in(info.annotation)) if info else []
             named = info is not None and get_origin(info.annotation) is dict
     return _Spot(".".join(keys), field, holder, inside)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic_core import PydanticCustomError, PydanticKnownError
+
+from mjmerge.roster import MOST_CARS, neighbour, slot
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -20,3 +23,37 @@ class Frozen(BaseModel):
         allow_inf_nan=False,
         use_attribute_docstrings=True,
     )
+
+
+def _further(name: str) -> str:
+    """The name of a car that a section does not declare."""
+    number = slot(name)
+    if number is None:
+        raise PydanticKnownError("extra_forbidden")
+    if number > MOST_CARS - 2:
+        raise PydanticCustomError("too_many", "must be at most {most}", {"most": neighbour(MOST_CARS - 2)})
+    return name
+
+
+Further = Annotated[str, AfterValidator(_further)]
+"""Key of a further car: ``vehicle_3`` and so on."""
+
+
+def _by_pattern(schema: dict[str, Any]) -> None:
+    """Says in a JSON schema which further keys there may be."""
+    schema["patternProperties"] = {"^vehicle_[1-9][0-9]*$": schema.pop("additionalProperties")}
+    schema["additionalProperties"] = False
+
+
+class PerCar(Frozen):
+    """A section with a key for each car: the first two neighbours', and as many more as there are.
+
+    A subclass says what those are, as ``vehicle_1`` is: ``__pydantic_extra__: dict[Further, CarStart]``.
+    """
+
+    model_config = ConfigDict(extra="allow", json_schema_extra=_by_pattern)
+
+    @property
+    def further(self) -> dict[str, Any]:
+        """What the keys of further cars say."""
+        return dict(self.model_extra or {})

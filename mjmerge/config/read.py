@@ -21,6 +21,7 @@ LARGEST_FILE_BYTES = 400_000
 
 
 _Model = TypeVar("_Model", bound=Frozen)
+_NO_KEY = ("extra_forbidden", "too_many")
 
 
 def file_of(kind: str, source: str | Path, shipped: Mapping[str, Path], near: Path | None = None) -> Path:
@@ -86,8 +87,12 @@ def validated(
     try:
         valid = model.model_validate(document.value, context=sections)
     except ValidationError as invalid:
-        for error in invalid.errors(include_url=False):
+        errors = invalid.errors(include_url=False)
+        unknown = {error["loc"] for error in errors if error["type"] in _NO_KEY}
+        for error in errors:
             given = error["input"]
+            if error["type"] not in _NO_KEY and any(error["loc"][: len(key)] == key for key in unknown):
+                continue  # of what stands at a key that is none
             if error["type"] == "too_short" and given:
                 continue  # it is too short because what is in it is not valid
             if given is not UNREADABLE and not (isinstance(given, dict) and given.get("kind") is UNREADABLE):

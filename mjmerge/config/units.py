@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from pydantic.fields import FieldInfo
 
-from mjmerge.config.frozen import Frozen
+from mjmerge.config.frozen import Frozen, PerCar
 
 _Model = TypeVar("_Model", bound=Frozen)
 
@@ -78,4 +78,6 @@ def rescaled(model: _Model, length: float, time: float, inherited: Unit | None =
     update = {
         name: times(getattr(model, name), unit(name, info) or inherited) for name, info in fields.items()
     }
+    if isinstance(model, PerCar):
+        update |= {name: times(value, inherited) for name, value in model.further.items()}
     return model.model_copy(update=update)

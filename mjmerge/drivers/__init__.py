@@ -16,9 +16,9 @@ from pydantic import Field, PlainSerializer, WrapValidator
 
 from mjmerge.drivers.base import Along, Driver
 from mjmerge.drivers.outside import Absent, OrOutside, as_mapping, ask, let_in
-from mjmerge.drivers.traffic import Traffic
+from mjmerge.drivers.traffic import Traffic, ahead
 
-__all__ = ["Absent", "Along", "Driver", "Traffic", "ask", "kinds", "union"]
+__all__ = ["Absent", "Along", "Driver", "Traffic", "ahead", "ask", "kinds", "union"]
 
 
 def kinds() -> Mapping[str, type[Driver]]:

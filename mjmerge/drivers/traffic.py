@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,19 +16,46 @@ from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.datasheet import DataSheet
 
 
+def ahead(
+    starts_m: Sequence[Sequence[float]], sheets: Sequence[DataSheet], two: tuple[int, int] = (0, 1)
+) -> tuple[int | None, ...]:
+    """Whom each neighbour follows: the nearest that starts ahead and in its way; ``None`` for nobody.
+
+    In its way is whoever it would hit, straight on: their bodies overlap across the road. The law's follower
+    has its leader ahead wherever else there is nobody: so the paper's two are one queue in two lanes, too.
+
+    Args:
+        starts_m: front axles at t = 0, x and y, m, (C-1, 2).
+        sheets: data sheet of each neighbour.
+        two: the law's leader and follower.
+    """
+    found: list[int | None] = []
+    for j, (x, y) in enumerate(starts_m):
+        in_way = [
+            (other_x, i)
+            for i, (other_x, other_y) in enumerate(starts_m)
+            if other_x > x and abs(other_y - y) < (sheets[i].width_m + sheets[j].width_m) / 2
+        ]
+        leads = two[0] if j == two[1] and starts_m[two[0]][0] > x else None
+        found.append(min(in_way)[1] if in_way else leads)
+    return tuple(found)
+
+
 @dataclass(frozen=True)
 class Traffic:
     """The neighbours of N simulations.
 
     Attributes:
-        drivers: Vehicle 1's and Vehicle 2's; each follows the one before it.
+        drivers: of each neighbour, C-1 of them.
+        ahead: whom each follows, by its place among them; ``None`` for one that has nobody ahead.
         drawn: what each driver's ``draw`` gave.
-        lanes_m: where each neighbour's lane is across the road, m, (N, 2).
+        lanes_m: where each neighbour's lane is across the road, m, (N, C-1).
         sheets: each neighbour's data sheet: what drivers can know of how long the cars are.
         hold_s: how long an intention is held, s: the control step; 0 in continuous time.
     """
 
     drivers: tuple[Driver, ...]
+    ahead: tuple[int | None, ...]
     drawn: tuple[Array | None, ...]
     lanes_m: Array
     sheets: tuple[DataSheet, ...]
@@ -39,22 +67,42 @@ class Traffic:
         drivers: tuple[Driver, ...],
         seeds: Sequence[int],
         duration_s: float,
-        lanes_m: Array,
+        starts_m: Array,
         sheets: Sequence[DataSheet],
         hold_s: float,
+        two: tuple[int, int] = (0, 1),
     ) -> Traffic:
         """Draws what is random, from one generator per seed and driver.
 
+        Args:
+            drivers: of each neighbour.
+            seeds: of each simulation.
+            duration_s: how long a run is, s.
+            starts_m: where the neighbours' front axles are at t = 0, m, (N, C-1, 2).
+            sheets: each neighbour's data sheet.
+            hold_s: how long an intention is held, s.
+            two: the law's leader and follower, see :func:`ahead`.
+
         Raises:
-            MjmergeError: the first neighbour's driver follows, and there is nobody to follow.
+            MjmergeError: a driver follows, and has nobody to follow.
         """
-        if not drivers[0].can_lead:
-            raise MjmergeError(f"{drivers[0].kind!r} follows the car ahead: it cannot drive the first one")
+        follows = ahead(starts_m[0].tolist(), sheets, two)
+        for driver, leader in zip(drivers, follows, strict=True):
+            if leader is None and not driver.can_lead:
+                raise MjmergeError(f"{driver.kind!r} follows the car ahead: it cannot drive one without any")
         drawn = tuple(
             ask(driver, "draw", [np.random.default_rng([seed, j]) for seed in seeds], duration_s)
             for j, driver in enumerate(drivers)
         )
-        return cls(drivers, drawn, lanes_m, tuple(sheets), hold_s)
+        return cls(drivers, follows, drawn, starts_m[..., 1], tuple(sheets), hold_s)
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Who decides after whom: each neighbour after the one it follows."""
+        order: list[int] = []
+        while len(order) < len(self.ahead):
+            order += [j for j, a in enumerate(self.ahead) if j not in order and (a is None or a in order)]
+        return tuple(order)
 
     def alone(self, run: int) -> Traffic:
         """The same in one of the simulations."""
@@ -66,17 +114,19 @@ class Traffic:
         """What the neighbours intend: their drivers decide along the road, lane keeping across it.
 
         Returns:
-            u_j, m/s^2, (N, 2, 2), neighbour before component.
+            u_j, m/s^2, (N, C-1, 2), neighbour before component.
         """
         p, v = cars.front_m[:, 1:], cars.velocity_mps[:, 1:]
         u_j = np.zeros(p.shape)
-        leader = None
-        for j, (driver, sheet) in enumerate(zip(self.drivers, self.sheets, strict=True)):
+        decided: dict[int, Along] = {}
+        for j in self.order:
+            driver, sheet, leader = self.drivers[j], self.sheets[j], self.ahead[j]
             nose_m, tail_m = sheet.front_overhang_m, sheet.length_m - sheet.front_overhang_m
             intended = u_j[:, j, 0]  # a view: holds the acceleration once it is decided
             own = Along(p[:, j, 0], v[:, j, 0], intended, nose_m, tail_m)
-            intended[:] = ask(driver, "acceleration_mps2", time_s, own, leader, self.drawn[j], self.hold_s)
-            leader = own
+            before = None if leader is None else decided[leader]
+            intended[:] = ask(driver, "acceleration_mps2", time_s, own, before, self.drawn[j], self.hold_s)
+            decided[j] = own
         u_j[..., 1] = keep_lane(self.lanes_m, p[..., 1], v[..., 1])
         return u_j
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, OPINION
+from mjmerge.figures.style import COLOURS, LINE, OPINION, colour
 from mjmerge.outputs import written
-from mjmerge.roster import CARS, NEIGHBOURS
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
@@ -110,11 +109,11 @@ def both(first: Move, second: Move) -> Move:
 
 
 def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
-    """The road from above, moving along with Vehicle 1."""
+    """The road from above, moving along with the leader."""
     from matplotlib.patches import Circle, Polygon
 
-    scenario = trace.scenario
-    seen = trace.front_m[0] - trace.front_m[0, :, 1:2] * (1.0, 0.0)  # (T, C, 2)
+    scenario, there, one = trace.scenario, trace.roster, 1 + trace.scenario.law.j_1
+    seen = trace.front_m[0] - trace.front_m[0, :, one : one + 1] * (1.0, 0.0)  # (T, C, 2)
     width = scenario.road.lane_width_m
     lanes = sorted(set(trace.front_m[0, 0, :, 1].tolist()))
     low, high = lanes[0] - width / 2, lanes[-1] + width / 2
@@ -133,19 +132,19 @@ def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
     (axles,) = axes.plot([], [], "k.", markersize=5, zorder=5)
     title = axes.text(0.02, 0.975, "", transform=axes.transAxes, va="top")
     r = scenario.law.r_m
-    discs = [Circle((0, 0), r, color=COLOURS[car], alpha=0.22, linewidth=0) for car in NEIGHBOURS]
-    bodies = [Polygon(np.zeros((4, 2)), color=COLOURS[car], zorder=4) for car in CARS]
+    discs = [Circle((0, 0), r, color=colour(car), alpha=0.22, linewidth=0) for car in there.neighbours]
+    bodies = [Polygon(np.zeros((4, 2)), color=colour(car), zorder=4) for car in there.cars]
     for patch in (*discs, *bodies):
         axes.add_patch(patch)
     names = [
         axes.text(0, 0, name, ha="center", va="center", fontsize=8, color="white", zorder=6)
-        for name in ("ego", "1", "2")
+        for name in ("ego", *(str(j) for j in range(1, len(there.cars))))
     ]
     outlines = [_outline(sheet) for sheet in car_sheets(scenario)]
     merged = merged_at_s(trace)[0]
 
     def place(tick: int) -> None:
-        x_1 = trace.front_m[0, tick, 1, 0]
+        x_1 = trace.front_m[0, tick, one, 0]
         first = -((x_1 + left) % _EVERY_M)
         starts = left + first + _EVERY_M * np.arange(ceil((right - left) / _EVERY_M) + 1)
         x = np.stack([starts, starts + _DASH_M, np.full_like(starts, np.nan)], axis=1).ravel()
@@ -174,10 +173,10 @@ def draw_opinion(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
 
 
 def draw_distance(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
-    """Both distances over time, likewise."""
-    colours = [COLOURS[car] for car in NEIGHBOURS]
-    for j, colour in enumerate(colours):
-        axes.plot(trace.time_s, trace.distance_m[0, :, j], color=colour, alpha=0.3, label=f"$d_{j + 1}$")
+    """Every distance over time, likewise."""
+    colours = [colour(car) for car in trace.roster.neighbours]
+    for j, own in enumerate(colours):
+        axes.plot(trace.time_s, trace.distance_m[0, :, j], color=own, alpha=0.3, label=f"$d_{j + 1}$")
     axes.axhline(0, color=LINE, linewidth=1)
     axes.set_ylabel("distance $d_j$ (m)")
     axes.set_xlabel("time $t$ (s)")

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, save, sheet, words
-from mjmerge.roster import CARS, NEIGHBOURS
+from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, colour, save, sheet, words
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict.metrics import shared_ticks
@@ -33,8 +32,8 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     opinion.plot(t, trace.opinion[run], color=OPINION, label="$z$")
     opinion.plot(t, trace.mu[run], color=MU, linewidth=0.8, label="$\\mu$")
     opinion.set_ylabel("opinion")
-    for c, car in enumerate(CARS):
-        lateral.plot(t, trace.front_m[run, :, c, 1], color=COLOURS[car], label=_name(car))
+    for c, car in enumerate(trace.roster.cars):
+        lateral.plot(t, trace.front_m[run, :, c, 1], color=colour(car), label=_name(car))
     lateral.set_ylabel("lateral position $\\eta^\\top p$ (m)")
     _draw_distances(distance, trace, run)
     distance.set_xlabel("time (s)")
@@ -49,10 +48,12 @@ def opinion(trace: Trace, ideal: Trace | None = None) -> Figure:
     figure, panels = sheet((3, 3) if ideal is None else (3, 1, 3, 1), 5.4 if ideal is None else 7.2)
     top, bottom = (panels[0], panels[1]) if ideal is None else (panels[0], panels[2])
     t = trace.time_s
-    _shade_closing(top, trace, "Vehicle 2 closes the gap")
+    _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
     _shade_closing(bottom, trace)
     top.axhline(trace.scenario.law.k_s / trace.scenario.law.k_mu, color=MU, linestyle=":", label="$1/k_\\mu$")
-    bottom.axhline(trace.front_m[0, 0, 1, 1], color=LINE, label="lane of Vehicles 1 and 2")
+    law = trace.scenario.law
+    lane = f"lane of Vehicles {law.j_1 + 1} and {law.j_2 + 1}"
+    bottom.axhline(trace.front_m[0, 0, 1 + law.j_1, 1], color=LINE, label=lane)
     if ideal is not None:
         top.plot(t, ideal.opinion[0], color=OPINION, label="$z$, ideal", **PALE)
         bottom.plot(t, ideal.front_m[0, :, 0, 1], color=COLOURS["ego"], label="ego, ideal", **PALE)
@@ -72,32 +73,32 @@ def opinion(trace: Trace, ideal: Trace | None = None) -> Figure:
 
 
 def distances(trace: Trace, ideal: Trace | None = None) -> Figure:
-    """d_1 and d_2, with the margin in red; simulation 0."""
+    """Every d_j, with the margin in red; simulation 0."""
     figure, panels = sheet((3,) if ideal is None else (3, 1), 3.6 if ideal is None else 5.2)
     top, t = panels[0], trace.time_s
-    _shade_closing(top, trace, "Vehicle 2 closes the gap")
+    _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
     if ideal is not None:
         _draw_distances(top, ideal, 0, ", ideal", **PALE)
     _draw_distances(top, trace, 0, "" if ideal is None else f", {trace.plant}")
-    for j, car in enumerate(NEIGHBOURS):
+    for j, car in enumerate(trace.roster.neighbours):
         d = trace.distance_m[0, :, j]
         least = int(np.nanargmin(d))
-        top.plot(t[least], d[least], "o", color=COLOURS[car], markersize=4)
+        top.plot(t[least], d[least], "o", color=colour(car), markersize=4)
         top.annotate(
             f"{d[least]:.3f} m".replace("-", "\N{MINUS SIGN}"),
             (t[least], d[least]),
             xytext=(0, -13),
             textcoords="offset points",
             ha="center",
-            color=COLOURS[car],
+            color=colour(car),
         )
-    touching = np.flatnonzero(trace.touching[0, :, :2].any(axis=1))
+    touching = np.flatnonzero(trace.touching_ego[0].any(axis=1))
     if touching.size:
         top.axvline(t[touching[0]], color=LINE, linestyle="--", linewidth=1, label="bodies touch")
     top.margins(y=0.12)
     if ideal is not None:
         off = trace.distance_m[0] - ideal.distance_m[0]
-        lines = {f"$d_{j + 1}$": (off[:, j], COLOURS[car]) for j, car in enumerate(NEIGHBOURS)}
+        lines = {f"$d_{j + 1}$": (off[:, j], colour(car)) for j, car in enumerate(trace.roster.neighbours)}
         difference(panels[1], t, lines, "$\\Delta d_j$", 1e3, "mm")
     panels[-1].set_xlabel("time $t$ (s)")
     top.legend(loc="upper right", frameon=False, ncols=1 if ideal is None else 2)
@@ -113,15 +114,16 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
         opinion.plot(trace.time_s, trace.opinion[0], color=OPINION, label=label, **how)
         lateral.plot(trace.time_s, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], label=label, **how)
     for trace, how in zip((a, b), style, strict=True):
-        for j, car in enumerate(NEIGHBOURS):
+        for j, car in enumerate(trace.roster.neighbours):
             name = f"$d_{j + 1}$ to {_name(car)}" if trace is b else None
-            distance.plot(trace.time_s, trace.distance_m[0, :, j], color=COLOURS[car], label=name, **how)
+            distance.plot(trace.time_s, trace.distance_m[0, :, j], color=colour(car), label=name, **how)
     opinion.set_ylabel("opinion $z$")
     lateral.set_ylabel("ego's $\\eta^\\top p$ (m)")
     distance.set_ylabel("distance $d_j$ (m)")
     distance.axhline(0, color=LINE, linewidth=1)
-    off = b.distance_m[0, in_b] - a.distance_m[0, in_a]
-    lines = {f"$d_{j + 1}$": (off[:, j], COLOURS[car]) for j, car in enumerate(NEIGHBOURS)}
+    both = min((a.roster, b.roster), key=lambda there: len(there.cars)).neighbours
+    off = b.distance_m[0, in_b, : len(both)] - a.distance_m[0, in_a, : len(both)]
+    lines = {f"$d_{j + 1}$": (off[:, j], colour(car)) for j, car in enumerate(both)}
     difference(apart, a.time_s[in_a], lines, "$\\Delta d_j$", 1e3, "mm")
     apart.set_xlabel("time $t$ (s)")
     for axes in (opinion, distance):
@@ -130,10 +132,10 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
 
 
 def _draw_distances(axes: Axes, trace: Trace, run: int, of: str = "", **style: Any) -> None:
-    """d_1 and d_2 of one run, and the margin."""
-    for j, car in enumerate(NEIGHBOURS):
+    """Every d_j of one run, and the margin."""
+    for j, car in enumerate(trace.roster.neighbours):
         label = f"$d_{j + 1}$ to {_name(car)}{of}"
-        axes.plot(trace.time_s, trace.distance_m[run, :, j], color=COLOURS[car], label=label, **style)
+        axes.plot(trace.time_s, trace.distance_m[run, :, j], color=colour(car), label=label, **style)
     axes.axhline(0, color=LINE, linewidth=1)
     axes.set_ylabel("distance $d_j$ (m)")
 
@@ -142,8 +144,8 @@ def difference(
     axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str]], of: str, scale: float, unit: str
 ) -> None:
     """A panel of differences, and the largest in words."""
-    for name, (values, colour) in lines.items():
-        axes.plot(t, scale * values, color=colour, linewidth=1, label=name or None)
+    for name, (values, own) in lines.items():
+        axes.plot(t, scale * values, color=own, linewidth=1, label=name or None)
     largest = max(np.nanmax(np.abs(values)) for values, _ in lines.values()) * scale
     axes.set_ylabel(f"{of} ({unit})" if unit else of)
     axes.text(
@@ -154,18 +156,23 @@ def difference(
 
 
 def _shade_closing(axes: Axes, trace: Trace, label: str | None = None) -> None:
-    """Marks when Vehicle 2 does not yield: when it comes closer to Vehicle 1."""
-    speed = trace.velocity_mps[0, :, :, 0]
-    closing = speed[:, 2] - speed[:, 1] > 0.005
+    """Marks when the follower does not yield: when it comes closer to the leader."""
+    speed, law = trace.velocity_mps[0, :, 1:, 0], trace.scenario.law
+    closing = speed[:, law.j_2] - speed[:, law.j_1] > 0.005
     edges = np.flatnonzero(np.diff(np.concatenate([[False], closing, [False]]).astype(int)))
     t = trace.time_s
     for start, end in zip(edges[::2], edges[1::2], strict=True):
-        axes.axvspan(t[start], t[end - 1], color=COLOURS["vehicle_2"], alpha=0.12, linewidth=0, label=label)
+        axes.axvspan(t[start], t[end - 1], color=colour(law.follower), alpha=0.12, linewidth=0, label=label)
         label = None
 
 
 def _name(car: str) -> str:
     return car.replace("_", " ")
+
+
+def _vehicle(car: str) -> str:
+    """As the paper calls it: Vehicle 2."""
+    return _name(car).capitalize()
 
 
 def _label(name: str, trace: Trace, ideal: Trace | None) -> str:

@@ -9,15 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.outputs import written
-from mjmerge.roster import PAINT
+from mjmerge.roster import PAINT, paint
 from mjmerge.state import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-COLOURS = {car: "#" + "".join(f"{round(255 * c):02x}" for c in paint) for car, paint in PAINT.items()}
-"""Of each car."""
+def colour(car: str) -> str:
+    """Of a car."""
+    return "#" + "".join(f"{round(255 * c):02x}" for c in paint(car))
+
+
+COLOURS = {car: colour(car) for car in PAINT}
+"""Of the paper's cars."""
 
 
 OPINION = "#7b3fa0"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +19,10 @@ from mjmerge.outputs import cannot_write, put
 
 VERSIONS = ("mjmerge", "mujoco", "numpy")
 """Packages whose versions a margin depends on."""
-_NUMBERS = ("min_d_1_m", "min_d_2_m", "min_clearance_m")
-_HEAD = ("row", *_NUMBERS, *VERSIONS)
+_CLEARANCE = "min_clearance_m"
+_DISTANCE = re.compile(r"min_d_([1-9][0-9]?)_m")
+_NEEDED = ("row", "min_d_1_m", "min_d_2_m", _CLEARANCE)
+_HEAD = (*_NEEDED, *VERSIONS)
 
 
 @dataclass(frozen=True)
@@ -27,14 +30,17 @@ class Measured:
     """What a row came to.
 
     Attributes:
-        min_d_1_m: smallest d_1, m.
-        min_d_2_m: smallest d_2, m.
+        min_d_m: smallest d_j of each neighbour, m, (C-1,).
         min_clearance_m: smallest distance of the ego's body to another, m; NaN without bodies.
     """
 
-    min_d_1_m: float
-    min_d_2_m: float
+    min_d_m: tuple[float, ...]
     min_clearance_m: float
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """By the name of their columns: ``min_d_1_m`` and so on, then ``min_clearance_m``."""
+        return {f"min_d_{j}_m": d for j, d in enumerate(self.min_d_m, 1)} | {_CLEARANCE: self.min_clearance_m}
 
 
 Entry = tuple[Measured, Mapping[str, str]]
@@ -65,11 +71,14 @@ def read(file: Path) -> dict[str, Entry]:
             continue
         first[name] = number
         try:
-            numbers = [_number(row[key]) for key in _NUMBERS]
+            least = [
+                _number(row[key]) for key in sorted(filter(_DISTANCE.fullmatch, row), key=_place) if row[key]
+            ]
+            clearance = _number(row[_CLEARANCE])
         except ValueError as error:
             problems.append(Problem(f"{name!r}: {error}", "", number))
             continue
-        found[name] = Measured(*numbers), {key: row.get(key) or "-" for key in VERSIONS}
+        found[name] = Measured(tuple(least), clearance), {key: row.get(key) or "-" for key in VERSIONS}
     if problems:
         raise ScenarioError(file, problems)
     return found
@@ -83,9 +92,12 @@ def write(file: Path, entries: Mapping[str, Entry]) -> None:
     """
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(_HEAD)
+    most = max((measured.numbers for measured, _ in entries.values()), key=len, default=())
+    names = [*most] or list(_NEEDED[1:])
+    rows.writerow(["row", *names, *VERSIONS])
     for name, (measured, versions) in entries.items():
-        numbers = (f"{getattr(measured, key):.6f}" for key in _NUMBERS)
+        known = measured.numbers
+        numbers = (f"{known[key]:.6f}" if key in known else "" for key in names)
         rows.writerow([name, *numbers, *(versions[key] for key in VERSIONS)])
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -109,17 +121,18 @@ def _rows(file: Path) -> Iterator[tuple[int, dict[str, str]]]:
                 continue
             if not names:
                 names = values
-                lacking = [name for name in _HEAD[:4] if name not in names]
+                lacking = [name for name in _NEEDED if name not in names]
                 if lacking:
                     message = f"it has no column {', '.join(lacking)}; a baseline has {','.join(_HEAD)}"
                     raise ScenarioError(file, [Problem(message, "", table.line_num)])
                 continue
             row = dict(zip(names, values, strict=False))
-            short = [name for name in _HEAD[:4] if name not in row]
+            short = [name for name in _NEEDED if name not in row]
             if short or len(values) > len(names):
                 message = f"{len(values)} values in {len(names)} columns"
                 raise ScenarioError(file, [Problem(message, "", table.line_num)])
-            yield table.line_num, row | {key: row[key].replace(decimal, ".") for key in _NUMBERS}
+            numbers = [key for key in row if key == _CLEARANCE or _DISTANCE.fullmatch(key)]
+            yield table.line_num, row | {key: row[key].replace(decimal, ".") for key in numbers}
     except csv.Error as error:
         raise ScenarioError(file, [Problem(f"no table of values: {error}", "", table.line_num)]) from error
 
@@ -140,6 +153,11 @@ def _text(file: Path) -> str:
         raise ScenarioError(file, [Problem(message, "", line)]) from error
     except OSError as error:
         raise ScenarioError(file, [Problem(f"cannot be read: {error.strerror}")]) from error
+
+
+def _place(key: str) -> int:
+    """Which neighbour's distance a column has."""
+    return int(key.split("_")[2])
 
 
 def _number(text: str) -> float:

@@ -204,10 +204,10 @@ def _alike(row: Row) -> tuple[Path, str, str]:
 
 
 def _measured(trace: Trace) -> list[Measured]:
-    clearance = trace.min_clearance_m[:, :2].min(axis=1)
+    clearance = trace.min_clearance_m[:, : len(trace.roster.neighbours)].min(axis=1)
     return [
-        Measured(float(d_1), float(d_2), float(c))
-        for (d_1, d_2), c in zip(trace.min_distance_m, clearance, strict=True)
+        Measured(tuple(least), float(c))
+        for least, c in zip(trace.min_distance_m.tolist(), clearance, strict=True)
     ]
 
 
@@ -243,7 +243,7 @@ def _slides(trace: Trace) -> Mask:
 
 def _below(row: Row, measured: Measured, verdict: Verdict, stopped: str) -> Iterator[str]:
     floor = row.check.at_least_m
-    for j, least in ((1, measured.min_d_1_m), (2, measured.min_d_2_m)):
+    for j, least in enumerate(measured.min_d_m, 1):
         if not least >= floor:  # NaN fails
             yield f"min d_{j} is {least:.4f} m, below the floor of {floor} m"
     if verdict.unsafe_at_s is not None:
@@ -262,8 +262,11 @@ def _moved(
         renamed = f"; was it {' or '.join(map(repr, gone))}, which the gate does not have" if gone else ""
         yield f"there is no baseline for this row{renamed}: look at it, then make one with --update"
         return
-    for name in ("min_d_1_m", "min_d_2_m", "min_clearance_m"):
-        now, then = getattr(measured, name), getattr(before, name)
+    if len(measured.min_d_m) != len(before.min_d_m):
+        yield f"there are {len(measured.min_d_m)} neighbours, and there were {len(before.min_d_m)}"
+        return
+    for name, now in measured.numbers.items():
+        then = before.numbers[name]
         if not (abs(now - then) <= TOLERANCE_M or (np.isnan(now) and np.isnan(then))):
             yield f"{name} was {then:.4f}, is {now:.4f} ({now - then:+.4f} m)"
 

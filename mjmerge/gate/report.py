@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.gate.junit import junit
@@ -24,7 +23,8 @@ def gate_table(results: Sequence[Result]) -> Table:
     grid = Table(box=None, pad_edge=False)
     for name in ("scenario", "row"):
         grid.add_column(name, style="cyan" if name == "row" else None, no_wrap=True)
-    for name in ("floor", "d_1", "d_2", "moved"):
+    most = max((len(result.measured.min_d_m) for result in results), default=2)
+    for name in ("floor", *(f"d_{j}" for j in range(1, most + 1)), "moved"):
         grid.add_column(name, justify="right", no_wrap=True, min_width=5)
     grid.add_column("", no_wrap=True, min_width=4)
     grid.add_column("verdict")
@@ -32,10 +32,12 @@ def gate_table(results: Sequence[Result]) -> Table:
         row, m, before = result.row, result.measured, result.baseline
         moved = "new"
         if before is not None:
-            moved = f"{max(m.min_d_1_m - before.min_d_1_m, m.min_d_2_m - before.min_d_2_m, key=abs):+.4f}"
+            changes = (now - then for now, then in zip(m.min_d_m, before.min_d_m, strict=False))
+            moved = f"{max(changes, key=abs):+.4f}"
         good = not result.problems
         word = f"[{'green' if good else 'red'}]{'ok' if good else 'FAILED'}[/]"
-        least = (f"{value:.3f}" for value in (row.check.at_least_m, m.min_d_1_m, m.min_d_2_m))
+        least = [f"{value:.3f}" for value in (row.check.at_least_m, *m.min_d_m)]
+        least += [""] * (most - len(m.min_d_m))
         names = map(escape, (row.label, row.check.name))
         grid.add_row(*names, *least, moved, word, result.verdict.verdict)
     return grid
@@ -65,8 +67,8 @@ def gate_json(results: Sequence[Result], stale: Sequence[str] = ()) -> dict[str,
             "plant": r.row.check.plant,
             "set": list(r.row.check.set),
             "floor_m": r.row.check.at_least_m,
-            "measured": {name: number(value) for name, value in asdict(r.measured).items()},
-            "baseline": r.baseline and {name: number(value) for name, value in asdict(r.baseline).items()},
+            "measured": {name: number(value) for name, value in r.measured.numbers.items()},
+            "baseline": r.baseline and {name: number(value) for name, value in r.baseline.numbers.items()},
             "baseline_versions": dict(r.made_with),
             **({"metrics": {name: number(value) for name, value in r.metrics.items()}} if r.metrics else {}),
             "verdict": r.verdict.verdict,

@@ -24,7 +24,7 @@ class Bicycle:
     def __init__(self, state: Array, wheelbase_m: Array, arrivals: Arrivals, world: World | None) -> None:
         self._x, self._L, self._arrivals = state, wheelbase_m, arrivals
         self._world = world
-        self._no_bodies = no_bodies(len(state))
+        self._no_bodies = no_bodies(*state.shape[:2])
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`."""

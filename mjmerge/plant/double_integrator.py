@@ -23,7 +23,7 @@ class DoubleIntegrator:
         self._p, self._v, self._arrivals = front_m, velocity_mps, arrivals
         self._nothing = np.full(front_m.shape[:2], np.nan)
         self._world = world
-        self._no_bodies = no_bodies(len(front_m))
+        self._no_bodies = no_bodies(*front_m.shape[:2])
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`; the heading is where the point is going."""

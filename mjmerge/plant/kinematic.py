@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjmerge.plant.base import Fault
-from mjmerge.roster import CARS, PAIRS
 from mjmerge.scenario.mismatch import Mismatch, column
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Mask
@@ -57,7 +56,7 @@ class Arrivals:
 
 def start(scenario: Scenario, runs: int) -> tuple[Array, Array]:
     """Front-axle centres, m, (N, C, 2), and speeds along the road, m/s, (N, C), at t = 0."""
-    cars = [getattr(scenario.initial, car) for car in CARS]
+    cars = scenario.starts
     front = np.tile(np.array([c.front_m for c in cars], dtype=np.float64), (runs, 1, 1))
     speed = np.tile(np.array([c.speed_mps for c in cars], dtype=np.float64), (runs, 1))
     return front, speed
@@ -76,9 +75,9 @@ def standing(world: World | None, cars: Cars) -> Array:
     )
 
 
-def no_bodies(runs: int) -> Array:
+def no_bodies(runs: int, cars: int) -> Array:
     """What bodies would do to each other, of a plant that has none: unknown, (N, P)."""
-    return np.full((runs, len(PAIRS)), np.nan)
+    return np.full((runs, cars * (cars - 1) // 2), np.nan)
 
 
 def runaway(state: Array) -> list[Fault]:

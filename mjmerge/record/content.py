@@ -11,11 +11,11 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
 from mjmerge.config.frozen import Frozen
 from mjmerge.plant import PLANTS
-from mjmerge.roster import CARS
+from mjmerge.roster import EGO, MOST_CARS, Roster, roster, slot
 from mjmerge.vehicle.datasheet import DataSheet
 
 LARGEST_TEXT_BYTES = 8 * 2**20
@@ -31,13 +31,19 @@ class ContentError(ValueError):
     """What a recording says and cannot mean."""
 
 
+def _a_car(name: str) -> str:
+    if name != EGO and slot(name) is None:
+        raise ValueError(f"no car is called {name[:40]!r}")
+    return name
+
+
 class _Stop(Frozen):
     """Why the run ended before its time."""
 
     model_config = ConfigDict(extra="ignore")
 
     time_s: float
-    car: Literal[CARS]  # type: ignore[valid-type]
+    car: Annotated[str, AfterValidator(_a_car)]
     reason: Annotated[str, Field(max_length=2000)]
     touched: bool = False
 
@@ -71,6 +77,7 @@ class Manifest(Frozen):
     model_config = ConfigDict(extra="ignore")
 
     schema_version: int
+    cars: Annotated[list[str], Field(min_length=3, max_length=MOST_CARS)] | None = None
     scenario: Annotated[str, Field(max_length=500)]
     description: str
     plant: str
@@ -138,9 +145,17 @@ def manifest_of(text: str) -> dict[str, Any]:
         raise ContentError(f"manifest.json: {_first(invalid)}") from invalid
     if valid.plant not in PLANTS:
         raise ContentError(f"manifest.json: plant: no plant called {valid.plant[:40]!r}")
-    if valid.sheets is not None and set(valid.sheets) != set(CARS):
+    there = roster_of(value)
+    if valid.cars is not None and tuple(valid.cars) != there.cars:
+        raise ContentError("manifest.json: cars: not an ego and numbered neighbours")
+    if valid.sheets is not None and set(valid.sheets) != set(there.cars):
         raise ContentError("manifest.json: sheets: not one of each car")
     return value
+
+
+def roster_of(manifest: Mapping[str, Any]) -> Roster:
+    """Who is in a recording: as many as its manifest says, and two neighbours where it says nothing."""
+    return roster(len(manifest.get("cars") or roster().cars) - 1)
 
 
 def summary_of(text: str) -> dict[str, Any] | None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmerge.record import content
 from mjmerge.state import Array
 
 Ticks = NDArray[np.int64]
@@ -41,13 +42,15 @@ class Found:
         """Leaves no series where one is missing that every tick needs, or is there that the run has not."""
         from mjmerge.record import schema
 
-        wanted = schema.kinds(told=self.manifest.get("sensing") == "recorded")
+        wanted = schema.Wire(content.roster_of(self.manifest)).kinds(
+            told=self.manifest.get("sensing") == "recorded"
+        )
         if not self.series or self.series.keys() == wanted.keys():
             return
         lacks = ", ".join(sorted(wanted.keys() - self.series.keys()))
         odd = ", ".join(sorted(self.series.keys() - wanted.keys()))
         if odd:
-            self.flaws.append(f"{odd} in it, and the ego was told the truth")
+            self.flaws.append(f"{odd} in it, and the run has none")
         if lacks and self.finished:
             self.flaws.append(f"nothing in it of {lacks}")
         if lacks:  # without it when it was cut off within the first tick, or block

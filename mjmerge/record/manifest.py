@@ -6,14 +6,16 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.roster import CARS
 from mjmerge.simulation.trace import COLUMNS
 
 if TYPE_CHECKING:
     from mjmerge.record.recording import Header
 
-SCHEMA_VERSION = 1
-"""Of topics, entity names and messages; goes up when a reader of the old ones would go wrong."""
+SCHEMA_VERSION = 2
+"""Of topics, entity names and messages; goes up when a reader of the old ones would go wrong. From 2 on the
+manifest says who is there; before, it was an ego and two neighbours."""
+SCHEMA_VERSIONS = (1, SCHEMA_VERSION)
+"""Those that are read."""
 
 CONVENTIONS = {
     "units": "SI; every name ends in its unit, names without one are plain numbers",
@@ -32,9 +34,11 @@ def canonical(of: Mapping[str, Any]) -> str:
 
 def manifest(header: Header) -> dict[str, Any]:
     """All of it as one JSON-able mapping, with nothing that changes from run to run."""
-    columns = [{"name": c.name, "symbol": c.symbol, "doc": c.doc, "axes": c.axes} for c in COLUMNS]
+    there = header.scenario.roster
+    columns = [{"name": c.name, "symbol": c.symbol, "doc": c.doc, "axes": c.names(there)} for c in COLUMNS]
     return {
         "schema_version": SCHEMA_VERSION,
+        "cars": list(there.cars),
         "scenario": header.scenario.name,
         "description": header.scenario.description,
         "plant": header.plant,
@@ -44,7 +48,7 @@ def manifest(header: Header) -> dict[str, Any]:
         "sensing": "recorded" if header.told else "exact",
         "versions": dict(header.versions),
         "acceptance": dict(header.acceptance),
-        "sheets": {car: sheet.model_dump() for car, sheet in zip(CARS, header.sheets, strict=True)},
+        "sheets": {car: sheet.model_dump() for car, sheet in zip(there.cars, header.sheets, strict=True)},
         "conventions": CONVENTIONS,
         "columns": columns,
         **({"code": {name: dict(of) for name, of in header.code.items()}} if header.code else {}),

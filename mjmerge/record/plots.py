@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from mjmerge.record.schema import LAW_TOPIC, car_topic
-from mjmerge.roster import CARS, NEIGHBOURS, WHEELS
+from mjmerge.roster import WHEELS, Roster
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array
 
@@ -81,7 +81,7 @@ def main(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
     """What is always in sight: distances, clearance, opinion; ``paint`` is the colour of each car."""
     floor = scenario.expect.min_distance_m.at_least
     levels = [Level("contact", _RED, 0.0)] + [Level("floor", _DARK_RED, floor)] * (floor != 0)
-    around = [(j, car, rgb(paint[car])) for j, car in enumerate(NEIGHBOURS, start=1)]
+    around = [(j, car, rgb(paint[car])) for j, car in enumerate(scenario.roster.neighbours, start=1)]
     return [
         Plot(
             "Distance d_j of the front axles less r, m",
@@ -106,14 +106,14 @@ def main(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
 
 def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
     """What the cars are told and do, a tab each."""
-    ego = car_topic("ego")
+    ego, there = car_topic("ego"), scenario.roster
 
     def command(axis: str) -> tuple[Line, ...]:
         where = {"u_n": LAW_TOPIC, "u_c": LAW_TOPIC, "u": ego}
         return tuple(Line(u, COMMANDS[u], where[u], f"{u}_mps2.{axis}") for u in COMMANDS)
 
     def cars(field: str) -> tuple[Line, ...]:
-        return tuple(Line(_said(car), rgb(paint[car]), car_topic(car), field) for car in CARS)
+        return tuple(Line(_said(car), rgb(paint[car]), car_topic(car), field) for car in there.cars)
 
     wheels = zip(WHEELS, _WHEEL_COLORS, strict=True)
     return [
@@ -146,9 +146,12 @@ def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
             (
                 *(
                     Line(f"ego, {_said(car)}", rgb(paint[car]), LAW_TOPIC, f"contact_impulse_n_s.ego_{car}")
-                    for car in NEIGHBOURS
+                    for car in there.neighbours
                 ),
-                Line("the neighbours", _GREY, LAW_TOPIC, "contact_impulse_n_s.vehicle_1_vehicle_2"),
+                *(
+                    Line(_among(there, pair), _GREY, LAW_TOPIC, f"contact_impulse_n_s.{pair}")
+                    for pair in there.pair_names[there.others]
+                ),
             ),
         ),
     ]
@@ -167,6 +170,11 @@ def levels(plots: Iterable[Plot]) -> dict[str, Level]:
 def entity(name: str) -> str:
     """Letters and digits of a name, words joined by underscores."""
     return "_".join("".join(c if c.isalnum() else " " for c in name.lower()).split())
+
+
+def _among(there: Roster, pair: str) -> str:
+    """What a pair of neighbours is called in a legend."""
+    return "the neighbours" if len(there.neighbours) == 2 else _said(pair)
 
 
 def _said(name: str) -> str:

@@ -25,7 +25,7 @@ from mjmerge.record.manifest import canonical
 from mjmerge.record.mcap.file import TooLargeError
 from mjmerge.record.mcap.reader import gather_mcap
 from mjmerge.record.rerun.reader import gather_rrd, survives
-from mjmerge.roster import CARS
+from mjmerge.roster import Roster, slot
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
@@ -117,12 +117,19 @@ class Recorded:
             rest = f", and {len(more)} more problems" if more else ""
             why = f"its scenario cannot be run: {first.key + ': ' if first.key else ''}{first.message}{rest}"
             raise UnreadableError(self.path, why) from error
+        if scenario.roster != self.roster:
+            raise UnreadableError(self.path, "its scenario has other cars than its manifest")
         scenario = scenario.named(str(self.manifest["scenario"]))
         if scenario.ticks > max(MOST_TICKS, 2 * len(self.ticks)):
             raise UnreadableError(
                 self.path, f"its scenario has {scenario.ticks} ticks; up to {MOST_TICKS} can be read"
             )
         return scenario
+
+    @property
+    def roster(self) -> Roster:
+        """Who is in it."""
+        return content.roster_of(self.manifest)
 
     def sheets(self) -> tuple[DataSheet, ...]:
         """The data sheet of each car, at its size.
@@ -132,7 +139,7 @@ class Recorded:
         """
         try:
             given = self.manifest["sheets"]
-            return tuple(DataSheet.model_validate(given[car]) for car in CARS)
+            return tuple(DataSheet.model_validate(given[car]) for car in self.roster.cars)
         except (KeyError, TypeError, ValidationError) as error:
             why = "the data sheets of its cars are not in it: was it recorded by an earlier version?"
             raise UnreadableError(self.path, why) from error
@@ -170,7 +177,7 @@ class Recorded:
         inside = (self.ticks >= 0) & (self.ticks < scenario.ticks)
         columns: dict[str, Any] = {}
         for c in COLUMNS:
-            columns[c.name] = np.full((1, scenario.ticks, *c.shape), np.nan)
+            columns[c.name] = np.full((1, scenario.ticks, *c.shape(self.roster)), np.nan)
             columns[c.name][0, self.ticks[inside]] = self.columns[c.name][inside]
         stops = (self.summary or {}).get("stops", ())
         return Trace(
@@ -234,7 +241,7 @@ def read(path: Path, *, wary: bool = True) -> Recorded:
         times = grids[first][1][rows[first]]
         values = {name: series[rows[name]] for name, (_, _, series) in found.series.items()}
         own_time_s = {name: series[:, 0] for name, series in values.items()}
-        columns = _split(values)
+        columns = _split(values, content.roster_of(found.manifest), _leader(found.texts["scenario.yaml"]))
     return Recorded(
         path=path,
         kind=kind,
@@ -292,12 +299,26 @@ def _rows(ticks: Ticks, wanted: Ticks) -> NDArray[np.intp]:
     return rows
 
 
-def _split(series: Mapping[str, Array]) -> dict[str, Array]:
-    """Columns from the numbers of each topic, which are in the order of its message."""
+def _leader(scenario_yaml: str) -> int:
+    """Where the law's leader is along the axis of neighbours, by the text of a scenario."""
+    said = parse(scenario_yaml).value
+    law = said.get("law") if isinstance(said, dict) else None
+    name = law.get("leader") if isinstance(law, dict) else None
+    return (slot(name) if isinstance(name, str) else None) or 0
+
+
+def _split(series: Mapping[str, Array], there: Roster, j_1: int) -> dict[str, Array]:
+    """Columns from the numbers of each topic, which are in the order of its message.
+
+    Args:
+        series: those numbers.
+        there: who is in it.
+        j_1: where the law's leader is along the axis of neighbours.
+    """
     from mjmerge.record import schema
 
     law = series[schema.LAW_TOPIC]
-    cars = np.stack([series[schema.car_topic(car)] for car in CARS], axis=1)
+    cars = np.stack([series[schema.car_topic(car)] for car in there.cars], axis=1)
     columns = {"time_s": law[:, 0]}
     parts = [(law, schema.LAW_COLUMNS, 0), (cars, schema.CAR_COLUMNS, 1)]
     told = series.get(schema.TOLD_TOPIC)
@@ -306,7 +327,8 @@ def _split(series: Mapping[str, Array]) -> dict[str, Array]:
     for values, declared, leading in parts:
         at = 1
         for c in declared:
-            size = int(np.prod(c.shape[leading:]))
-            columns[c.name] = values[..., at : at + size].reshape(len(values), *c.shape)
+            shape = c.shape(there)
+            size = int(np.prod(shape[leading:]))
+            columns[c.name] = values[..., at : at + size].reshape(len(values), *shape)
             at += size
-    return columns if told is not None else columns | the_truth(columns)
+    return columns if told is not None else columns | the_truth(columns, min(j_1, len(there.neighbours) - 1))

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.roster import CARS
+from mjmerge.roster import EGO, slot
 from mjmerge.simulation.log import Block
 from mjmerge.state import Array
 
@@ -104,6 +104,7 @@ class Scene:
     Attributes:
         fixed: what never moves, in world axes.
         frames: what moves.
+        cars: who is in it, in the order of their columns.
         paint: colour of each car, 0 to 1, by the car's name.
         r_m: radius of the safety discs, m.
         label_m: how high above their frames labels are written, m.
@@ -113,7 +114,10 @@ class Scene:
         """Args: the composed world; radius of the safety discs, m."""
         self._model = model
         self.r_m = r_m
-        self.paint = {car: np.asarray(model.material(f"{car}/paint").rgba, float) for car in CARS}
+        names = [model.material(m).name for m in range(model.nmat)]
+        painted = [name.removesuffix("/paint") for name in names if name.endswith("/paint")]
+        self.cars = tuple(car for car in painted if car == EGO or slot(car) is not None)
+        self.paint = {car: np.asarray(model.material(f"{car}/paint").rgba, float) for car in self.cars}
         self._data = data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         drawn = [g for g in range(model.ngeom) if model.geom_group[g] in _DRAWN_GROUPS]
@@ -138,7 +142,7 @@ class Scene:
 
     def _discs(self, r_m: float) -> Iterator[Frame]:
         """The front axles, with the neighbours' discs."""
-        for j, car in enumerate(CARS, start=-1):
+        for j, car in enumerate(self.cars, start=-1):
             disc = () if j < 0 else (_disc(r_m),)
             yield Frame(f"axles/{car}", disc, car.replace("_", " "), None if j < 0 else j)
 
@@ -174,7 +178,7 @@ class Scene:
             mujoco.mj_kinematics(self._model, data)
             pos_m[k, :bodies] = xpos[self._bodies]
             quat[k, :bodies] = xquat[self._bodies]
-        pos_m[:, bodies : bodies + len(CARS), :2] = block.columns["front_m"][ticks]
+        pos_m[:, bodies : bodies + len(self.cars), :2] = block.columns["front_m"][ticks]
         pos_m[:, -2, :2] = block.columns["target_m"][ticks]
         pos_m[:, -1, 0] = block.columns["front_m"][ticks, 0, 0]
         return pos_m.astype(np.float32).astype(float), quat.astype(np.float32).astype(float)

@@ -2,40 +2,51 @@
 
 ``LawState`` holds the columns about the law and the pair distances, ``CarState`` those that each car has. A
 column with named components is a message of doubles: ``/law.distance_m.vehicle_1``,
-``/car/ego.torque_n_m.front_left``. ``mjmerge_v1.proto`` beside this file is :func:`proto_text`, published.
+``/car/ego.torque_n_m.front_left``. How many components there are follows from who is there: a :class:`Wire`
+is the messages of one roster. ``mjmerge_v2.proto`` beside this file is :func:`proto_text`, published: that of
+an ego and two neighbours.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 
-from mjmerge.record.manifest import SCHEMA_VERSION
+from mjmerge.record.manifest import SCHEMA_VERSION, SCHEMA_VERSIONS
 from mjmerge.record.mcap.wire import Layout
-from mjmerge.roster import CARS, NEIGHBOURS, PAIR_NAMES, WHEELS, XY
+from mjmerge.roster import CARS, EGO, NEIGHBOURS, PAIRS, WHEELS, XY, Axis, Roster, along, roster, slot
 from mjmerge.simulation.log import Block
 from mjmerge.simulation.trace import COLUMNS, Column
 from mjmerge.state import Array
 
-PACKAGE = f"mjmerge.v{SCHEMA_VERSION}"
 LAW_MESSAGE, CAR_MESSAGE, TOLD_MESSAGE = "LawState", "CarState", "ToldState"
 LAW_TOPIC, TOLD_TOPIC = "/law", "/told"
+_CAR_TOPIC = "/car/"
 
 LAW_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] != (CARS,) and not c.told)
 CAR_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] == (CARS,) and not c.told)
 TOLD_COLUMNS = tuple(c for c in COLUMNS if c.told)
 """Of what the ego was told, where that was not the truth."""
-_GROUPS: dict[tuple[tuple[str, ...], ...], str] = {
+_GROUPS: dict[tuple[Axis, ...], str] = {
     (NEIGHBOURS,): "Neighbours",
-    (PAIR_NAMES,): "Pairs",
+    (PAIRS,): "Pairs",
     (WHEELS,): "Wheels",
     (XY,): "Vector2",
     (CARS, XY): "CarVectors",
 }
+
+
+def package(version: int = SCHEMA_VERSION) -> str:
+    """Where our messages are."""
+    return f"mjmerge.v{version}"
+
+
+PACKAGE = package()
 
 
 @dataclass(frozen=True)
@@ -46,100 +57,126 @@ class Field:
         name: of the field.
         doc: what it is.
         axes: names of its components, axis by axis; none for a double.
+        type_name: as the .proto says it.
     """
 
     name: str
     doc: str
     axes: tuple[tuple[str, ...], ...] = ()
+    type_name: str = "double"
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of all its doubles: ``x``, or ``ego.x``; empty for a double."""
         return tuple(".".join(names) for names in product(*self.axes)) if self.axes else ()
 
-    @property
-    def type_name(self) -> str:
-        """As the .proto says it."""
-        return _GROUPS[self.axes] if self.axes else "double"
-
-
-def kinds(*, told: bool = True) -> dict[str, str]:
-    """The topics that carry our messages, and which; ``told`` for a run whose ego is not told the truth."""
-    found = {LAW_TOPIC: LAW_MESSAGE} | {car_topic(car): CAR_MESSAGE for car in CARS}
-    return found | {TOLD_TOPIC: TOLD_MESSAGE} if told else found
-
 
 def car_topic(car: str) -> str:
     """Topic of a car's ``CarState``."""
-    return f"/car/{car}"
+    return f"{_CAR_TOPIC}{car}"
 
 
-def _fields(columns: Sequence[Column], leading: int) -> tuple[Field, ...]:
+def message_of(topic: str) -> str | None:
+    """Which of our messages a topic carries, whoever is there; ``None`` if it is none of ours."""
+    car = topic.removeprefix(_CAR_TOPIC) if topic.startswith(_CAR_TOPIC) else ""
+    if car == EGO or slot(car) is not None:
+        return CAR_MESSAGE
+    return {LAW_TOPIC: LAW_MESSAGE, TOLD_TOPIC: TOLD_MESSAGE}.get(topic)
+
+
+def names_of(message: str) -> tuple[str, ...]:
+    """What a message of ours is called in files, in every version that is read."""
+    return tuple(f"{package(version)}.{message}" for version in SCHEMA_VERSIONS)
+
+
+@dataclass(frozen=True)
+class Wire:
+    """The messages of the cars that are there."""
+
+    roster: Roster
+
+    def kinds(self, *, told: bool = True) -> dict[str, str]:
+        """The topics that carry our messages, and which; ``told`` where the ego is not told the truth."""
+        found = {LAW_TOPIC: LAW_MESSAGE} | {car_topic(car): CAR_MESSAGE for car in self.roster.cars}
+        return found | {TOLD_TOPIC: TOLD_MESSAGE} if told else found
+
+    @property
+    def messages(self) -> dict[str, tuple[Field, ...]]:
+        """The fields of every message, in order."""
+        return _messages(self.roster)
+
+    def layout(self, message: str) -> Layout:
+        """How a message lies on the wire; its doubles are in the order of its fields."""
+        out = Layout()
+        for number, field in enumerate(self.messages[message], start=1):
+            if field.axes:
+                out.message(number, self.layout(field.type_name))
+            else:
+                out.double(number)
+        return out
+
+    def rows(self, block: Block, topic: str) -> Array:
+        """What goes into each message of a topic of a block, in the order of its layout, (B, doubles)."""
+        count, cars = len(block.ticks), self.roster.cars
+        car = next((index for index, name in enumerate(cars) if topic == car_topic(name)), None)
+        if car is None:
+            columns = LAW_COLUMNS if topic == LAW_TOPIC else TOLD_COLUMNS
+            parts = [block.columns[c.name].reshape(count, -1) for c in columns]
+        else:
+            parts = [block.columns[c.name][:, car].reshape(count, -1) for c in CAR_COLUMNS]
+        return np.hstack([block.time_s[:, None], *parts])
+
+    def descriptor_set(self) -> bytes:
+        """The schema as MCAP wants it: a serialised ``FileDescriptorSet``."""
+        file = FileDescriptorProto(name=f"mjmerge_v{SCHEMA_VERSION}.proto", package=PACKAGE, syntax="proto3")
+        for name, fields in self.messages.items():
+            message = file.message_type.add(name=name)
+            for number, field in enumerate(fields, start=1):
+                entry = message.field.add(name=field.name, number=number)
+                entry.label = FieldDescriptorProto.LABEL_OPTIONAL
+                if field.axes:
+                    entry.type = FieldDescriptorProto.TYPE_MESSAGE
+                    entry.type_name = f".{PACKAGE}.{field.type_name}"
+                else:
+                    entry.type = FieldDescriptorProto.TYPE_DOUBLE
+        data: bytes = FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
+        return data
+
+
+@cache
+def _messages(there: Roster) -> dict[str, tuple[Field, ...]]:
+    groups: dict[str, tuple[Field, ...]] = {}
+    for axes, name in _GROUPS.items():
+        first, *rest = along(axes, there)
+        inner = _GROUPS[axes[1:]] if rest else "double"
+        groups[name] = tuple(Field(part, "", tuple(rest), inner) for part in first)
+    parts = ((LAW_MESSAGE, LAW_COLUMNS, 0), (CAR_MESSAGE, CAR_COLUMNS, 1), (TOLD_MESSAGE, TOLD_COLUMNS, 0))
+    return groups | {name: _fields(columns, leading, there) for name, columns, leading in parts}
+
+
+def _fields(columns: Sequence[Column], leading: int, there: Roster) -> tuple[Field, ...]:
     """Fields of a message; ``leading`` axes of the columns are spread over messages."""
     fields = [Field("time_s", "simulated time, s, exactly as simulated")]
-    return (*fields, *(Field(c.name, f"{c.symbol}: {c.doc}", c.axes[leading:]) for c in columns))
-
-
-MESSAGES: dict[str, tuple[Field, ...]] = {
-    **{name: tuple(Field(part, "", axes[1:]) for part in axes[0]) for axes, name in _GROUPS.items()},
-    LAW_MESSAGE: _fields(LAW_COLUMNS, 0),
-    CAR_MESSAGE: _fields(CAR_COLUMNS, 1),
-    TOLD_MESSAGE: _fields(TOLD_COLUMNS, 0),
-}
-
-
-def layout(message: str) -> Layout:
-    """How a message lies on the wire; its doubles are in the order of its fields."""
-    out = Layout()
-    for number, field in enumerate(MESSAGES[message], start=1):
-        if field.axes:
-            out.message(number, layout(field.type_name))
-        else:
-            out.double(number)
-    return out
-
-
-def rows(block: Block, topic: str) -> Array:
-    """What goes into each message of a topic of a block, in the order of its layout, (B, doubles)."""
-    count = len(block.ticks)
-    car = next((index for index, name in enumerate(CARS) if topic == car_topic(name)), None)
-    if car is None:
-        columns = LAW_COLUMNS if topic == LAW_TOPIC else TOLD_COLUMNS
-        parts = [block.columns[c.name].reshape(count, -1) for c in columns]
-    else:
-        parts = [block.columns[c.name][:, car].reshape(count, -1) for c in CAR_COLUMNS]
-    return np.hstack([block.time_s[:, None], *parts])
-
-
-def descriptor_set() -> bytes:
-    """The schema as MCAP wants it: a serialised ``FileDescriptorSet``."""
-    file = FileDescriptorProto(name=f"mjmerge_v{SCHEMA_VERSION}.proto", package=PACKAGE, syntax="proto3")
-    for name, fields in MESSAGES.items():
-        message = file.message_type.add(name=name)
-        for number, field in enumerate(fields, start=1):
-            entry = message.field.add(name=field.name, number=number)
-            entry.label = FieldDescriptorProto.LABEL_OPTIONAL
-            if field.axes:
-                entry.type = FieldDescriptorProto.TYPE_MESSAGE
-                entry.type_name = f".{PACKAGE}.{field.type_name}"
-            else:
-                entry.type = FieldDescriptorProto.TYPE_DOUBLE
-    data: bytes = FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
-    return data
+    for c in columns:
+        axes = c.axes[leading:]
+        type_name = _GROUPS[axes] if axes else "double"
+        fields.append(Field(c.name, f"{c.symbol}: {c.doc}", along(axes, there), type_name))
+    return tuple(fields)
 
 
 def proto_text() -> str:
-    """The schema as people read it: the text of ``mjmerge_v1.proto``."""
+    """The schema as people read it: the text of ``mjmerge_v2.proto``."""
     lines = [
         "// What mjmerge records besides Foxglove's own messages. Generated from the columns of its trace.",
         f"// {LAW_TOPIC} carries {LAW_MESSAGE}, {car_topic('<car>')} carries {CAR_MESSAGE}; SI, road frame.",
         f"// {TOLD_TOPIC} carries {TOLD_MESSAGE}, where the ego was not told the truth.",
+        "// This is for two neighbours; with more, Neighbours, Pairs and CarVectors have more fields.",
         "",
         'syntax = "proto3";',
         "",
         f"package {PACKAGE};",
     ]
-    for name, fields in MESSAGES.items():
+    for name, fields in Wire(roster()).messages.items():
         lines += ["", f"message {name} {{"]
         for number, field in enumerate(fields, start=1):
             comment = f"  // {field.doc}" if field.doc else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mjmerge.record import schema
 from mjmerge.record.scene import DRAWN_EVERY_S
 from mjmerge.record.schema import CAR_COLUMNS, LAW_COLUMNS, TOLD_COLUMNS, Field
-from mjmerge.roster import XY
+from mjmerge.roster import XY, roster
 from mjmerge.simulation.trace import Column
 
 _UNITS = {
@@ -28,7 +28,7 @@ def unit(name: str) -> str:
 
 def fields() -> str:
     """Every field of our messages: the same in both formats."""
-    tables = []
+    tables, wire = [], schema.Wire(roster())
     for topic, message, columns in (
         (schema.LAW_TOPIC, schema.LAW_MESSAGE, LAW_COLUMNS),
         (schema.car_topic("<car>"), schema.CAR_MESSAGE, CAR_COLUMNS),
@@ -41,7 +41,7 @@ def fields() -> str:
             "",
             "| field | unit | frame | symbol | what it is |",
             "|---|---|---|---|---|",
-            *(_row(f, by_name.get(f.name)) for f in schema.MESSAGES[message]),
+            *(_row(f, by_name.get(f.name)) for f in wire.messages[message]),
             "",
         ]
     return "\n".join(tables)

@@ -10,7 +10,6 @@ import numpy as np
 from mjmerge.drivers import Absent
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, differing, some
-from mjmerge.roster import CARS
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import NS_PER_S, Array
 from mjmerge.verdict import own
@@ -85,8 +84,7 @@ def claims(found: Recorded, trace: Trace, verdict: Verdict) -> Iterator[Check]:
 
 def unknown(trace: Trace) -> list[str]:
     """Drivers whose code is not here, so that what the barrier was worth cannot be asked."""
-    drivers = [getattr(trace.scenario.drivers, car) for car in CARS[1:]]
-    return [driver.kind for driver in drivers if isinstance(driver, Absent)]
+    return [driver.kind for driver in trace.scenario.neighbours if isinstance(driver, Absent)]
 
 
 def allow(found: Recorded, claimed: Mapping[str, Any], expected: dict[str, Any]) -> None:

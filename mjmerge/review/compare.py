@@ -16,7 +16,6 @@ from mjmerge.figures.style import save
 from mjmerge.outputs import whole
 from mjmerge.record.read import Recorded
 from mjmerge.review.claims import claimed_metrics
-from mjmerge.roster import NEIGHBOURS
 from mjmerge.simulation.trace import COLUMNS, Trace
 from mjmerge.state import Array
 from mjmerge.verdict.judge import Verdict, judge
@@ -148,7 +147,8 @@ def table(a: Side, b: Side) -> Table:
 
     for name in ("scenario", "plant", "seed", "verdict"):
         row(name, str, name)
-    for j, car in enumerate(NEIGHBOURS, start=1):
+    fewest = min((side.trace.roster for side in (a, b)), key=lambda there: len(there.cars))
+    for j, car in enumerate(fewest.neighbours, start=1):
         row(f"min d_{j}", metres, "min_distance_m", car)
         row("  at", seconds, "t_min_distance_s", car)
     row("body clearance", metres, "min_clearance_m")

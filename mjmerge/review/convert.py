@@ -33,8 +33,8 @@ def flat(found: Recorded) -> dict[str, Array]:
     out = {"time_s": np.ascontiguousarray(found.columns["time_s"])}
     for column in COLUMNS:
         values = found.columns[column.name]
-        for index in product(*map(range, column.shape)):
-            parts = [axis[i] for axis, i in zip(column.axes, index, strict=True)]
+        for index in product(*map(range, column.shape(found.roster))):
+            parts = [axis[i] for axis, i in zip(column.names(found.roster), index, strict=True)]
             where: tuple[slice | int, ...] = (slice(None), *index)
             out[".".join([column.name, *parts])] = np.ascontiguousarray(values[where])
     return out

@@ -17,10 +17,10 @@ from pydantic import PrivateAttr
 from mjmerge.config.acts import LIMITS
 from mjmerge.drivers import Absent, Along, Driver, Traffic
 from mjmerge.law import Sensed, advance, decide
+from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
-from mjmerge.roster import CARS
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.simulation.sensing import Sensing
 from mjmerge.simulation.trace import Trace, the_truth
@@ -55,7 +55,7 @@ def cars_of(found: Recorded, trace: Trace) -> Cars:
     c = found.columns
     commanded = c["steer_rad"]
     if trace.plant in LIMITS:
-        commanded = np.concatenate([np.zeros((1, len(CARS))), c["steer_command_rad"][:-1]])
+        commanded = np.concatenate([np.zeros((1, c["front_m"].shape[1])), c["steer_command_rad"][:-1]])
     return Cars(
         front_m=c["front_m"],
         velocity_mps=c["velocity_mps"],
@@ -72,22 +72,22 @@ def at(cars: Cars, row: int) -> Cars:
     return Cars(**{name: values[row : row + 1] for name, values in vars(cars).items()})
 
 
-def geometry(front_m: Array, velocity_mps: Array, r_m: float) -> dict[str, Any]:
+def geometry(front_m: Array, velocity_mps: Array, law: Law) -> dict[str, Any]:
     """d_j, d_j' and the gap from positions and velocities, by column; (..., C, 2) -> (...)."""
 
     def apart(p: Array, v: Array) -> tuple[Array, Array]:
         length = norm(p)
         unit = p / np.where(length == 0, 1.0, length)[..., None]
-        return length - r_m, dot(unit, v)
+        return length - law.r_m, dot(unit, v)
 
     def between(a: int, b: int) -> tuple[Array, Array]:
         return apart(
             front_m[..., a, :] - front_m[..., b, :], velocity_mps[..., a, :] - velocity_mps[..., b, :]
         )
 
-    ones, twos = zip(between(0, 1), between(0, 2), strict=True)
-    gap, gap_rate = between(2, 1)
-    distance, rate = np.stack(ones, axis=-1), np.stack(twos, axis=-1)
+    apart_m, rates = zip(*(between(0, j) for j in range(1, front_m.shape[-2])), strict=True)
+    gap, gap_rate = between(1 + law.j_2, 1 + law.j_1)
+    distance, rate = np.stack(apart_m, axis=-1), np.stack(rates, axis=-1)
     return {"distance_m": distance, "distance_rate_mps": rate, "gap_m": gap, "gap_rate_mps": gap_rate}
 
 
@@ -96,9 +96,9 @@ def _start(found: Recorded, trace: Trace) -> Check:
     if found.ticks[0] != 0:
         return Check("start", False, f"it begins at {found.ticks[0] * found.step_s:.2f} s")
     initial, c = trace.scenario.initial, found.columns
-    starts = [getattr(initial, car) for car in CARS]
+    starts = trace.scenario.starts
     speed = np.array([start.speed_mps for start in starts])
-    none = np.zeros(len(CARS))
+    none = np.zeros(len(starts))
     expected = {
         "front_m": np.array([start.front_m for start in starts]),
         "velocity_mps": np.stack([speed, none], axis=-1),
@@ -112,7 +112,7 @@ def _start(found: Recorded, trace: Trace) -> Check:
         expected |= {
             "heading_rad": np.arctan2(none, speed),
             "speed_mps": np.abs(speed),
-            "steer_rad": np.full(len(CARS), np.nan),
+            "steer_rad": np.full(len(starts), np.nan),
         }
     first = {name: value[None] for name, value in expected.items()}
     here = {name: c[name][:1] for name in expected}
@@ -123,27 +123,28 @@ def _start(found: Recorded, trace: Trace) -> Check:
 def _distances(found: Recorded, trace: Trace) -> Check:
     """d_j, d_j' and the gap follow from the positions and velocities."""
     c = found.columns
-    expected = geometry(c["front_m"], c["velocity_mps"], trace.scenario.law.r_m)
+    expected = geometry(c["front_m"], c["velocity_mps"], trace.scenario.law)
     says = "d_j, d_j' and the gap, from positions and velocities"
     return _check("distances", says, found, expected, _DISTANCE_M, _DISTANCE_M)
 
 
 def _sensing(found: Recorded, trace: Trace, cars: Cars) -> Check:
     """What the ego was told follows from the truth, the scenario's mismatch and the seed."""
+    there, j_1 = found.roster, trace.scenario.law.j_1
     if found.manifest["sensing"] == "exact":
-        sense = Sensing((trace.scenario.mismatch,), [0], found.step_s)
+        sense = Sensing((trace.scenario.mismatch,), [0], found.step_s, len(there.neighbours))
         if not (trace.continuous or sense.exact):
             return Check("sensing", False, "the manifest says exact, and the scenario does not")
         return Check("sensing", True, "the ego was told the truth")
-    sense = Sensing((trace.scenario.mismatch,), [int(trace.seeds[0])], found.step_s)
+    sense = Sensing((trace.scenario.mismatch,), [int(trace.seeds[0])], found.step_s, len(there.neighbours))
     rows = []
     for k in range(len(found.ticks)):
-        seen, u_1 = sense(at(cars, k), found.columns["u_mps2"][k : k + 1, 1])
+        seen, u_1 = sense(at(cars, k), found.columns["u_mps2"][k : k + 1, 1 + j_1])
         told = {"front_m": seen.front_m, "velocity_mps": seen.velocity_mps, "heading_rad": seen.heading_rad}
         told |= {"speed_mps": seen.speed_mps, "steer_rad": seen.steer_rad}
-        u = np.zeros((1, len(CARS), 2))
-        u[:, 1] = u_1
-        rows.append(the_truth(told | {"u_mps2": u}))
+        u = np.zeros((1, len(there.cars), 2))
+        u[:, 1 + j_1] = u_1
+        rows.append(the_truth(told | {"u_mps2": u}, j_1))
     expected = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     says = "what the ego was told, from the truth, the mismatch and the seed"
     return _check("sensing", says, found, expected, _RELATIVE, _RELATIVE)
@@ -182,8 +183,8 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
     seen = replace(cars, heading_rad=heading, speed_mps=speed, steer_rad=steer)
     u = np.concatenate([told.u[:, None], u_j], axis=1)
     actuated = _actuated(seen, u, stand, found, trace)
-    for k, car in enumerate(CARS[1:], 1):
-        if isinstance(getattr(trace.scenario.drivers, car), Absent):  # when it means to stand is its own
+    for k, driver in enumerate(trace.scenario.neighbours, 1):
+        if isinstance(driver, Absent):  # when it means to stand is its own
             for name in ("torque_n_m", "torque_clipped_n_m"):
                 actuated[name][:, k] = c[name][:, k]
     return {
@@ -191,7 +192,7 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
         "mu_input_per_s": told.mu_input,
         "sensed_distance_m": told.geometry.d,
         "sensed_distance_rate_mps": told.geometry.d_dot,
-        "target_m": c["sensed_front_m"][:, 1] + told.e_1_star,
+        "target_m": c["sensed_front_m"][:, 1 + law.j_1] + told.e_1_star,
         "u_n_mps2": told.u_n,
         "u_c_mps2": told.u_c,
         "u_mps2": u,
@@ -200,16 +201,17 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
 
 
 def _neighbours(found: Recorded, trace: Trace, cars: Cars) -> tuple[Array, Mask]:
-    """What the neighbours' drivers intend, (T, 2, 2), and which of the cars mean to stand, (T, C)."""
+    """What the neighbours' drivers intend, (T, C-1, 2), and which of the cars mean to stand, (T, C)."""
     scenario = trace.scenario
     drivers = tuple(
         _AsRecorded.of(found, j) if isinstance(driver, Absent) else driver
-        for j, driver in enumerate(getattr(scenario.drivers, car) for car in CARS[1:])
+        for j, driver in enumerate(scenario.neighbours)
     )
-    lanes_m = np.array([[getattr(scenario.initial, car).front_m[1] for car in CARS[1:]]])
+    starts_m = np.array([[start.front_m for start in scenario.starts[1:]]])
     hold_s = 0.0 if trace.continuous else found.step_s
     seeds = [int(trace.seeds[0])]
-    traffic = Traffic.of(drivers, seeds, scenario.duration_s, lanes_m, trace.sheets[1:], hold_s)
+    two = scenario.law.j_1, scenario.law.j_2
+    traffic = Traffic.of(drivers, seeds, scenario.duration_s, starts_m, trace.sheets[1:], hold_s, two)
     intended, stand = [], []
     for k, tick in enumerate(found.ticks):
         now, time_s = at(cars, k), float(tick * found.step_s)
@@ -227,7 +229,7 @@ class _AsRecorded(Driver):
 
     @classmethod
     def of(cls, found: Recorded, neighbour: int) -> _AsRecorded:
-        """The stand-in of neighbour 0 or 1."""
+        """The stand-in of a neighbour, by its place along their axis."""
         own = cls(kind="as recorded")
         wanted = found.columns["u_mps2"][:, 1 + neighbour, 0].tolist()
         own._wanted = dict(zip((found.ticks * found.step_s).tolist(), wanted, strict=True))

@@ -17,7 +17,7 @@ from mjmerge.record.scene import DRAWN_EVERY_S, Scene
 from mjmerge.review.check import Check, checked
 from mjmerge.review.poses import Tracks, header, poses, standing_poses, tracks
 from mjmerge.review.shown import shown
-from mjmerge.roster import CARS, PAIR_NAMES, PAIRS
+from mjmerge.roster import Roster
 from mjmerge.simulation.log import Block
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import NS_PER_S, Array, norm
@@ -140,7 +140,8 @@ def _apart(name: str, track: Array, pose: Array, time_s: Any) -> list[str]:
 
 def _columns(there: _Drawn) -> dict[str, Array]:
     """Where the marks are, which follow from the columns."""
-    marks = [frame for frame in there.scene.frames if frame.name.split("/")[0] not in CARS]
+    cars = there.found.roster.cars
+    marks = [frame for frame in there.scene.frames if frame.name.split("/")[0] not in cars]
     pos_m, quat = poses(there.found, there.about, there.scene.showing((), marks), there.rows)
     both = np.concatenate([pos_m, quat], axis=-1)
     return {frame.name: both[:, f] for f, frame in enumerate(marks)}
@@ -151,7 +152,7 @@ def _mechanism(there: _Drawn) -> list[str]:
     model, found, wrong = there.about.model, there.found, []
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    for c, car in enumerate(CARS):
+    for c, car in enumerate(found.roster.cars):
         chassis = f"{car}/chassis"
         times, body = there.tracks[chassis]
         rows, time_s = there.rows[: len(times)], times / NS_PER_S
@@ -211,27 +212,28 @@ def _bodies(there: _Drawn) -> Check:
     found, model, h = there.found, there.about.model, there.found.step_s
     c = found.columns
     rows = np.arange(len(found.ticks))
-    chassis = [f"{car}/chassis" for car in CARS]
+    cars, pairs, pair_names = found.roster.cars, found.roster.pairs, found.roster.pair_names
+    chassis = [f"{car}/chassis" for car in cars]
     frames = {frame.name: frame for frame in there.scene.frames}
     if not all(name in frames and len(there.tracks[name][0]) for name in chassis):
         return Check("bodies", None, "not checked: no chassis is drawn")
-    carried = np.stack([_carried(there, c) for c in range(len(CARS))], axis=-1)
+    carried = np.stack([_carried(there, c) for c in range(len(cars))], axis=-1)
     picked = there.scene.showing((), [frames[name] for name in chassis])
     pos_m, quat = poses(found, there.about, picked, rows)
-    distance_m = _distances(model, pos_m, quat)
+    distance_m = _distances(model, found.roster, pos_m, quat)
     recorded = c["clearance_m"]
     speed = norm(c["velocity_mps"])
-    moving = np.stack([speed[:, a] + speed[:, b] for a, b in PAIRS], axis=-1)
+    moving = np.stack([speed[:, a] + speed[:, b] for a, b in pairs], axis=-1)
     exact = np.zeros(len(rows), bool)
     exact[there.rows] = True
     bound = np.where(exact[:, None], _CLEAR_M, _BETWEEN_M + _BETWEEN * h * moving)
     long_m = [sheet.wheelbase_m for sheet in there.about.sheets]
     hit = np.logical_or.accumulate((c["contact_impulse_n_s"] > 0).any(axis=1))
     rocks_m = np.where(hit, np.inf, _ROCKS * max(long_m))[:, None]
-    anyhow = np.stack([carried[:, a] | carried[:, b] for a, b in PAIRS], axis=-1)
+    anyhow = np.stack([carried[:, a] | carried[:, b] for a, b in pairs], axis=-1)
     bound = np.where(anyhow, _BETWEEN_M + _BETWEEN * h * moving + rocks_m, bound)
     wrong = []
-    names = dict(zip(PAIR_NAMES, range(len(PAIR_NAMES)), strict=True))
+    names = dict(zip(pair_names, range(len(pair_names)), strict=True))
     impulse, impact = c["contact_impulse_n_s"], c["contact_speed_mps"]
     for name, i in names.items():
         with np.errstate(invalid="ignore"):
@@ -260,7 +262,7 @@ def _carried(there: _Drawn, car: int) -> Any:
     In a file that ends early there is none; in one that was made whole it keeps its height to the last bit
     while the car moves, which no car does by itself.
     """
-    times, track = there.tracks[f"{CARS[car]}/chassis"]
+    times, track = there.tracks[f"{there.found.roster.cars[car]}/chassis"]
     now_ns = there.found.time_ns
     level = np.flatnonzero(track[:, 2] != track[-1, 2])
     since_ns = times[level[-1] + 1 if level.size else 0]
@@ -272,18 +274,18 @@ def _carried(there: _Drawn, car: int) -> Any:
     return (now_ns > since_ns) & lasts
 
 
-def _distances(model: mujoco.MjModel, pos_m: Array, quat: Array) -> Array:
+def _distances(model: mujoco.MjModel, who: Roster, pos_m: Array, quat: Array) -> Array:
     """Distances of the hulls, pair by pair, (T, P), from poses of the chassis, (T, C, 3) and (T, C, 4)."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    hulls = [model.geom(f"{car}/hull").id for car in CARS]
+    hulls = [model.geom(f"{car}/hull").id for car in who.cars]
     homes = []
-    for car, hull in zip(CARS, hulls, strict=True):
+    for car, hull in zip(who.cars, hulls, strict=True):
         base = data.body(f"{car}/chassis")
         turn = base.xmat.reshape(3, 3)
         place = turn.T @ (data.geom_xpos[hull] - base.xpos)
         homes.append((place.copy(), turn.T @ data.geom_xmat[hull].reshape(3, 3)))
-    out = np.empty((len(pos_m), len(PAIRS)))
+    out = np.empty((len(pos_m), len(who.pairs)))
     turn = np.empty(9)
     for k in range(len(pos_m)):
         for c, (hull, (place, facing)) in enumerate(zip(hulls, homes, strict=True)):
@@ -291,6 +293,6 @@ def _distances(model: mujoco.MjModel, pos_m: Array, quat: Array) -> Array:
             matrix = turn.reshape(3, 3)
             data.geom_xpos[hull] = pos_m[k, c] + matrix @ place
             data.geom_xmat[hull] = (matrix @ facing).ravel()
-        for i, (a, b) in enumerate(PAIRS):
+        for i, (a, b) in enumerate(who.pairs):
             out[k, i] = mujoco.mj_geomDistance(model, data, hulls[a], hulls[b], 100.0, None)
     return out

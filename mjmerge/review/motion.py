@@ -11,7 +11,6 @@ from mjmerge.plant import make
 from mjmerge.record.contents import Ticks
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
-from mjmerge.roster import CARS
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import G_MPS2, Array, Cars, Controls, Mask, norm
 
@@ -62,7 +61,7 @@ def _equation(found: Recorded, trace: Trace, cars: Cars) -> Check:
     c, scenario = found.columns, trace.scenario
     plant = make(trace.plant, scenario, None, trace.mismatch, threads=0)
     ideal = trace.plant == "double_integrator"
-    nothing = np.full((1, len(CARS), 2), np.nan)
+    nothing = np.full((1, len(found.roster.cars), 2), np.nan)
     running: Mask = np.ones(1, bool)
     names = ("front_m", "velocity_mps", "heading_rad", "speed_mps", "steer_rad")
     seen: list[Cars] = []
@@ -161,7 +160,9 @@ def _physical(found: Recorded, trace: Trace) -> Check:
     change = v[rows + 1] - v[rows]
     mass_kg = np.array([sheet.mass_kg for sheet in scenario.sheets or ()])
     hits = np.nan_to_num(c["contact_impulse_n_s"][rows + 1])
-    hit = np.stack([hits[:, 0] + hits[:, 1], hits[:, 0] + hits[:, 2], hits[:, 1] + hits[:, 2]], axis=-1)
+    hit = np.zeros((len(hits), len(mass_kg)))
+    for i, pair in enumerate(found.roster.pairs):
+        hit[:, pair] += hits[:, i, None]
     kick = 3 * hit / mass_kg
 
     others = (mismatch.left_friction, mismatch.patch_friction)
@@ -216,7 +217,7 @@ def _servo(found: Recorded, trace: Trace, rows: Ticks) -> tuple[Array, Array]:
     if mismatch.steer_limit_rad is not None:
         most[0] = mismatch.steer_limit_rad
     aims = np.zeros_like(told)
-    aim = np.zeros(len(CARS))
+    aim = np.zeros(told.shape[1])
     for k in range(len(told)):
         aim = aim + np.clip(told[k] - aim, -rate * h, rate * h)
         aims[k] = aim

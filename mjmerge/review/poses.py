@@ -27,7 +27,7 @@ from mjmerge.record.rerun.reader import rrd_batches, time_ns_of
 from mjmerge.record.scene import Frame, Scene
 from mjmerge.review.claims import what_follows
 from mjmerge.review.derived import cars_of
-from mjmerge.roster import CARS
+from mjmerge.roster import EGO, slot
 from mjmerge.simulation.log import Block
 from mjmerge.simulation.trace import COLUMNS, Trace
 from mjmerge.state import Array, Cars
@@ -146,8 +146,14 @@ def poses(found: Recorded, about: Header, scene: Scene, rows: NDArray[np.intp]) 
 
 def _car(frame: Frame) -> int | None:
     """Whose part a frame is; ``None`` for a mark of ours."""
-    owner = frame.name.split("/")[0]
-    return CARS.index(owner) if owner in CARS else None
+    return _owner(frame.name)
+
+
+def _owner(name: str) -> int | None:
+    """Which car is first in a name, along the axis of cars; ``None`` for none."""
+    first = name.split("/")[0]
+    j = slot(first)
+    return 0 if first == EGO else None if j is None else 1 + j
 
 
 def _mark(found: Recorded, frame: Frame, rows: NDArray[np.intp]) -> Array:
@@ -156,7 +162,7 @@ def _mark(found: Recorded, frame: Frame, rows: NDArray[np.intp]) -> Array:
     out[:, 3] = 1.0
     kind, _, name = frame.name.partition("/")
     if kind == "axles":
-        out[:, :2] = found.columns["front_m"][rows, CARS.index(name)]
+        out[:, :2] = found.columns["front_m"][rows, _owner(name)]
     elif kind == "law":
         out[:, :2] = found.columns["target_m"][rows]
     else:
@@ -173,7 +179,7 @@ def _steered(found: Recorded, about: Header) -> dict[str, Array]:
     angles_rad = ackermann(np.nan_to_num(found.columns["steer_rad"]), wheelbase_m, track_m)
     return {
         f"{car}/wheel_{wheel}": angles_rad[:, c, w]
-        for c, car in enumerate(CARS)
+        for c, car in enumerate(found.roster.cars)
         for w, wheel in enumerate(STEERED)
     }
 
@@ -183,7 +189,7 @@ def standing_poses(found: Recorded, about: Header, rows: NDArray[np.intp]) -> di
     cars = cars_of(found, found.trace())
     part = Cars(**{name: values[rows] for name, values in vars(cars).items()})
     sheets = tuple(sheet.sized(1 / about.scenario.models.size) for sheet in about.sheets)
-    world = World(about.model, found.world_xml, CARS, sheets, about.scenario.mismatch.tyres)
+    world = World(about.model, found.world_xml, found.roster.cars, sheets, about.scenario.mismatch.tyres)
     block = Block(
         found.ticks[rows],
         found.columns["time_s"][rows],
@@ -203,7 +209,7 @@ def _at_rest(model: mujoco.MjModel) -> dict[str, Array]:
     for b in range(model.nbody):
         name = model.body(b).name or f"body_{b}"
         origin = np.zeros(3)
-        if name.split("/")[0] in CARS:
+        if _owner(name) is not None:
             origin[:2] = data.site(f"{name.split('/')[0]}/front_axle").xpos[:2]
         out[name] = np.concatenate([data.xpos[b] - origin, data.xquat[b]])
     return out

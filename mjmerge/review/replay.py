@@ -22,7 +22,6 @@ from mjmerge.record.read import Recorded, read
 from mjmerge.review.check import differing
 from mjmerge.review.claims import what_follows
 from mjmerge.review.recover import CUT_OFF
-from mjmerge.roster import CARS
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.metrics import find, metric_name
 from mjmerge.scenario.schema import Scenario
@@ -193,7 +192,7 @@ def replay(
         other,
         tuple(_claims(found, again, metrics)) if whole else (),
         _other_world(found, scenario),
-        not other and all(getattr(scenario.models, car) in shipped.models() for car in CARS),
+        not other and all(model in shipped.models() for model in scenario.car_models),
         left_out,
     )
 
@@ -204,7 +203,7 @@ def _check_code(found: Recorded, any_code: bool) -> None:
     Raises:
         UnreadableError: it is not.
     """
-    for driver in (getattr(found.scenario().drivers, car) for car in CARS[1:]):
+    for driver in found.scenario().neighbours:
         if not isinstance(driver, Absent):
             continue
         why = _other_code(found, driver.kind, any_code)
@@ -245,14 +244,13 @@ def _other_code(found: Recorded, name: str, any_code: bool) -> str:
 def _world(found: Recorded, scenario: Scenario) -> World:
     """The attached world, to be run."""
     model = compiled(found.path, found.world_xml)
-    tyres, step_s = scenario.mismatch.tyres, scenario.physics_step_s
-    return attached(model, found.world_xml, found.sheets(), tyres, step_s)
+    return attached(model, found.world_xml, found.sheets(), scenario)
 
 
 def _other_world(found: Recorded, scenario: Scenario) -> bool | None:
     """Whether the models of these names give another world here, or have other data sheets."""
     try:
-        sheets = tuple(data_sheet(getattr(scenario.models, car)) for car in CARS)
+        sheets = tuple(map(data_sheet, scenario.car_models))
         world = build(scenario)
     except UnknownNameError:
         return None

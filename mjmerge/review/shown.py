@@ -143,9 +143,8 @@ def _plain(message: Any) -> Any:
 def _rrd(path: Path) -> Contents:
     """What is drawn in a Rerun recording: but for the numbers, poses and what it says of itself."""
     rows: dict[str, list[tuple[int, Any]]] = defaultdict(list)
-    numbers = set(schema.kinds())
     for entity, batch in rrd_batches(path):
-        if entity in numbers or entity.startswith("/__properties"):
+        if schema.message_of(entity) or entity.startswith("/__properties"):
             continue
         names = [n for n in batch.schema.names if n not in ("rerun.controls.RowId", layout.SIM_TIME)]
         if layout.SIM_TIME in batch.schema.names:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjmerge.record.digest import digests
-from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION
+from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSIONS
 from mjmerge.record.read import Recorded, read
 from mjmerge.review.check import Check, checked, some
 from mjmerge.review.claims import claims
@@ -110,7 +110,7 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     yield _fingerprints(found)
     yield from derived(found, trace)
     yield from drawn(found, trace)
-    again = replace(trace, **geometry(trace.front_m, trace.velocity_mps, trace.scenario.law.r_m))
+    again = replace(trace, **geometry(trace.front_m, trace.velocity_mps, trace.scenario.law))
     (verdict,) = judge(again)
     yield verdict
     yield from claims(found, again, verdict)
@@ -145,9 +145,11 @@ def _file(found: Recorded) -> Check:
 
 def _schema(found: Recorded) -> Check:
     """The file is of the schema that this version reads."""
-    same = found.schema_version == SCHEMA_VERSION
-    says = f"version {found.schema_version}"
-    return Check("schema", same, says if same else f"{says}; this mjmerge reads version {SCHEMA_VERSION}")
+    same = (
+        found.schema_version in SCHEMA_VERSIONS and found.manifest["schema_version"] == found.schema_version
+    )
+    says, read = f"version {found.schema_version}", " and ".join(map(str, SCHEMA_VERSIONS))
+    return Check("schema", same, says if same else f"{says}; this mjmerge reads versions {read}")
 
 
 def _contents(found: Recorded) -> Check:
@@ -165,7 +167,7 @@ def _contents(found: Recorded) -> Check:
 
 def _columns(found: Recorded) -> Check:
     """Names with their units, axes and conventions are ours, and all of them are there."""
-    ours = {c.name: [list(axis) for axis in c.axes] for c in COLUMNS}
+    ours = {c.name: [list(axis) for axis in c.names(found.roster)] for c in COLUMNS}
     claimed = {str(c.get("name", "")): c.get("axes") for c in found.manifest["columns"]}
     wrong = sorted(n for n in ours.keys() | claimed.keys() if ours.get(n) != claimed.get(n))
     if wrong:
@@ -197,7 +199,7 @@ def _manifest(found: Recorded, trace: Trace) -> Check:
     wrong += _metrics(about, scenario)
     repeated = {
         "mjmerge": {
-            "schema_version": str(SCHEMA_VERSION),
+            "schema_version": str(about["schema_version"]),
             **{k: str(about[k]) for k in ("scenario", "description", "plant", "seed", "control_step_s")},
             **CONVENTIONS,
         },

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from mjmerge.errors import MjmergeError, WorkerError
 from mjmerge.figures.style import words
 from mjmerge.outputs import no_room, whole
-from mjmerge.roster import NEIGHBOURS
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import NS_PER_S, Array
 from mjmerge.verdict.metrics import INTENT, merged_at_s
@@ -275,7 +274,7 @@ class Stage:
 
         scene = self._renderer.scene
         near = closeness(self._trace.distance_m[0, tick], self._r_m)
-        for j in range(len(NEIGHBOURS)):
+        for j in range(len(near)):
             if scene.ngeom < scene.maxgeom:
                 mujoco.mjv_initGeom(
                     scene.geoms[scene.ngeom],

@@ -8,7 +8,6 @@ from pathlib import Path
 from mjmerge.config import shipped
 from mjmerge.config.doors import Code, code_of, from_outside
 from mjmerge.config.read import LARGEST_FILE_BYTES, raise_problems, read, validated
-from mjmerge.roster import CARS
 from mjmerge.scenario.schema import Scenario
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -32,7 +31,7 @@ def data_sheet(model: str) -> DataSheet:
     return _data_sheet(path, content)
 
 
-@lru_cache(maxsize=32)  # three cars, and the loader, the world, the belief and the judge ask for each
+@lru_cache(maxsize=32)  # a few cars, and the loader, the world, the belief and the judge ask for each
 def _data_sheet(path: Path, content: bytes) -> DataSheet:
     """What the file says; by its content, so that a file that has changed is read again."""
     del content
@@ -47,7 +46,7 @@ def car_sheets(scenario: Scenario) -> list[DataSheet]:
     """The data sheet of each of a scenario's cars, at its size; as recorded, if it comes from a recording."""
     if scenario.sheets is not None:
         return list(scenario.sheets)
-    return [data_sheet(getattr(scenario.models, car)).sized(scenario.models.size) for car in CARS]
+    return [data_sheet(model).sized(scenario.models.size) for model in scenario.car_models]
 
 
 def believed_sheets(scenario: Scenario) -> list[DataSheet]:
@@ -59,6 +58,6 @@ def believed_sheets(scenario: Scenario) -> list[DataSheet]:
 
 def codes(scenario: Scenario) -> tuple[Code, ...]:
     """The code from outside that a scenario runs, each once."""
-    kinds = dict.fromkeys(getattr(scenario.drivers, car).kind for car in CARS[1:])
+    kinds = dict.fromkeys(driver.kind for driver in scenario.neighbours)
     found = [code_of(kind) for kind in kinds if from_outside(kind)]
     return (*found, *(code for code in scenario.metric_codes if code not in found))

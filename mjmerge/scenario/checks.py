@@ -13,12 +13,12 @@ from math import dist
 from typing import Any
 
 from mjmerge.config.bounds import MOST_METRICS, MOST_ROWS, MOST_TICKS
-from mjmerge.drivers import Driver, ask, kinds
+from mjmerge.drivers import ahead, ask, kinds
 from mjmerge.errors import Problem, nearest
 from mjmerge.law.opinion_dynamics.parameters import Law
-from mjmerge.roster import CARS
+from mjmerge.roster import Roster, roster, slot
 from mjmerge.scenario.metrics import metric_name
-from mjmerge.scenario.schema import Check, Drivers, Expect, Initial
+from mjmerge.scenario.schema import Check, Drivers, Expect, Initial, Models
 from mjmerge.vehicle.datasheet import DataSheet
 
 
@@ -61,8 +61,8 @@ def _variant(law: Law) -> Iterator[Problem]:
 
 
 def _distances(initial: Initial, law: Law) -> Iterator[Problem]:
-    """The barrier's hypothesis d_j(0) > 0 holds for both neighbours."""
-    for neighbour in CARS[1:]:
+    """The barrier's hypothesis d_j(0) > 0 holds for every neighbour."""
+    for neighbour in initial.roster.neighbours:
         apart = dist(initial.ego.front_m, getattr(initial, neighbour).front_m)
         if apart <= law.r_m:
             yield Problem(
@@ -73,31 +73,40 @@ def _distances(initial: Initial, law: Law) -> Iterator[Problem]:
 
 
 def _order_and_gap(initial: Initial, law: Law) -> Iterator[Problem]:
-    """Vehicle 2 follows Vehicle 1, and the target between them is at a safe distance from both."""
-    x_1, x_2 = initial.vehicle_1.front_m[0], initial.vehicle_2.front_m[0]
+    """The follower is behind the leader, and the target between them is at a safe distance from both."""
+    there, one, two = initial.roster.neighbours, law.leader, law.follower
+    strange = [(key, car) for key, car in (("leader", one), ("follower", two)) if car not in there]
+    for key, car in strange:
+        yield Problem(f"there is no {car} under initial: {nearest(car, there)}", f"law.{key}")
+    if one == two:
+        yield Problem(f"the leader and the follower are the same car, {one}", "law.follower")
+    if strange or one == two:
+        return
+    first, second = getattr(initial, one).front_m, getattr(initial, two).front_m
+    x_1, x_2 = first[0], second[0]
     if x_2 >= x_1:
         yield Problem(
-            f"vehicle_2 must start behind vehicle_1: its x is {x_2} m, and vehicle_1's is {x_1} m",
-            "initial.vehicle_2.front_m",
+            f"{two} must start behind {one}: its x is {x_2} m, and {one}'s is {x_1} m",
+            f"initial.{two}.front_m",
         )
     if law.r_rho_m >= 0:
         yield Problem(
-            f"must be negative, got {law.r_rho_m}: rho points forward and the target is behind vehicle_1",
+            f"must be negative, got {law.r_rho_m}: rho points forward and the target is behind {one}",
             "law.r_rho_m",
         )
     if x_2 >= x_1 or law.r_rho_m >= 0:
         return
-    gap = dist(initial.vehicle_1.front_m, initial.vehicle_2.front_m)
+    gap = dist(first, second)
     furthest = gap - law.r_m
     if furthest <= law.r_m:
         yield Problem(
-            f"the gap behind vehicle_1 is {gap:g} m at the start; it must be wider than "
-            f"2 r_m = {2 * law.r_m:g} m to have room for the target; move vehicle_2 back",
-            "initial.vehicle_2.front_m",
+            f"the gap behind {one} is {gap:g} m at the start; it must be wider than "
+            f"2 r_m = {2 * law.r_m:g} m to have room for the target; move {two} back",
+            f"initial.{two}.front_m",
         )
     elif not law.r_m < -law.r_rho_m < furthest:
         yield Problem(
-            f"the target is {-law.r_rho_m} m behind vehicle_1, closer than r_m = {law.r_m} m to a neighbour "
+            f"the target is {-law.r_rho_m} m behind {one}, closer than r_m = {law.r_m} m to a neighbour "
             f"(the gap is {gap:g} m at the start); choose between {-furthest:g} and {-law.r_m}",
             "law.r_rho_m",
         )
@@ -106,12 +115,15 @@ def _order_and_gap(initial: Initial, law: Law) -> Iterator[Problem]:
 def _bodies(initial: Initial, sheets: Mapping[str, DataSheet]) -> Iterator[Problem]:
     """No two bodies overlap; all are rectangles along the road."""
     spans = {}
-    for car in CARS:
+    there = initial.roster.cars
+    if not sheets.keys() >= set(there):
+        return
+    for car in there:
         sheet, (x, y) = sheets[car], getattr(initial, car).front_m
         nose = x + sheet.front_overhang_m
         half_width = sheet.width_m / 2
         spans[car] = ((nose - sheet.length_m, nose), (y - half_width, y + half_width))
-    for one, other in combinations(CARS, 2):
+    for one, other in combinations(there, 2):
         along, across = (
             min(a[1], b[1]) - max(a[0], b[0]) for a, b in zip(spans[one], spans[other], strict=True)
         )
@@ -162,20 +174,65 @@ def _bounds(metrics: tuple[str, ...], expect: Expect, gate: tuple[Check, ...]) -
                 yield Problem(f"nothing is at least {low} and at most {high}", f"{place}.{name}")
 
 
-def _drivers(drivers: Drivers) -> Iterator[Problem]:
-    """The first neighbour's driver needs nobody ahead; and what each driver finds wrong with itself."""
-    first = CARS[1]
-    leads: Driver = getattr(drivers, first)
+def _leads(drivers: Drivers, car: str) -> Iterator[Problem]:
+    """A car that has nobody ahead has a driver who needs nobody."""
+    leads = getattr(drivers, car)
     if not leads.can_lead:
         leaders = ", ".join(sorted(kind for kind, driver in kinds().items() if driver.can_lead))
         yield Problem(
-            f"{leads.kind!r} follows the car ahead, and {first} has nobody ahead of it; "
+            f"{leads.kind!r} follows the car ahead, and {car} has nobody ahead of it; "
             f"kinds that can lead: {leaders}",
-            f"drivers.{first}.kind",
+            f"drivers.{car}.kind",
         )
-    for car in CARS[1:]:
+
+
+def _drivers(drivers: Drivers) -> Iterator[Problem]:
+    """What each driver finds wrong with itself."""
+    for car in (*roster().neighbours, *drivers.further):
         for key, message in ask(getattr(drivers, car), "problems"):
             yield Problem(message, f"drivers.{car}.{key}")
 
 
-_CHECKS = (_steps, _variant, _distances, _order_and_gap, _bodies, _drivers, _metrics, _bounds, _gate)
+def _ahead(
+    initial: Initial, law: Law, drivers: Drivers, sheets: Mapping[str, DataSheet]
+) -> Iterator[Problem]:
+    """Every driver who follows has somebody to follow."""
+    there = initial.roster.neighbours
+    two = there.index(law.leader) if law.leader in there else 0, law.j_2
+    if not (sheets.keys() >= set(there) and {*roster().neighbours, *drivers.further} >= set(there)):
+        return
+    starts = [getattr(initial, car).front_m for car in there]
+    for car, leader in zip(there, ahead(starts, [sheets[car] for car in there], two), strict=True):
+        if leader is None:
+            yield from _leads(drivers, car)
+
+
+def _roster(initial: Initial, drivers: Drivers, models: Models) -> Iterator[Problem]:
+    """The neighbours are numbered without a hole, each has a driver, and nobody else has one, or a model."""
+    there: Roster = initial.roster
+    for j, car in enumerate(there.neighbours):
+        if slot(car) != j:
+            yield Problem(
+                f"there is no {roster(j + 1).cars[-1]}: neighbours are numbered on", f"initial.{car}"
+            )
+            break
+    for car in initial.further.keys() - drivers.further.keys():
+        yield Problem(f"missing; {car} stands under initial, and nobody drives it", f"drivers.{car}")
+    for key, section in (("drivers", drivers), ("models", models)):
+        for car in section.further.keys() - initial.further.keys():
+            yield Problem(f"there is no {car} under initial: nobody knows where it starts", f"{key}.{car}")
+
+
+_CHECKS = (
+    _roster,
+    _steps,
+    _variant,
+    _distances,
+    _order_and_gap,
+    _bodies,
+    _ahead,
+    _drivers,
+    _metrics,
+    _bounds,
+    _gate,
+)

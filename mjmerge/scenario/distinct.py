@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from mjmerge.config import shipped
 from mjmerge.config.acts import BODIES
 from mjmerge.drivers import ask
-from mjmerge.roster import CARS
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.effect import acting, declared
 from mjmerge.scenario.mismatch import Mismatch
@@ -35,7 +34,7 @@ def random(scenario: Scenario, plant: str, *, continuous: bool = False) -> bool:
 
 
 def _drawn(scenario: Scenario) -> bool:
-    return any(ask(getattr(scenario.drivers, car), "random", scenario.duration_s) for car in CARS[1:])
+    return any(ask(driver, "random", scenario.duration_s) for driver in scenario.neighbours)
 
 
 def _noisy(scenario: Scenario, plant: str, continuous: bool) -> bool:
@@ -73,7 +72,10 @@ def _content(batch: Batch) -> str:
     scenario = acting(batch.scenario, batch.plant, continuous=batch.continuous)
     ego = car_sheets(scenario)[0]
     believed = {key: None if v == getattr(ego, key) else v for key, v in scenario.belief}
-    where = {car: str(shipped.model_folder(getattr(scenario.models, car))) for car in CARS}
+    where = {
+        car: str(shipped.model_folder(model))
+        for car, model in zip(scenario.roster.cars, scenario.car_models, strict=True)
+    }
     plain: dict[str, Any] = {
         "description": "",
         "gate": (),

@@ -21,7 +21,7 @@ from mjmerge.config.read import file_of, raise_problems, read, validated, valida
 from mjmerge.drivers import Absent, kinds
 from mjmerge.drivers.outside import GROUP, brought
 from mjmerge.errors import MjmergeError, ModelError, ScenarioError, UnknownNameError
-from mjmerge.roster import CARS
+from mjmerge.roster import in_order
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.metrics import find
@@ -74,10 +74,12 @@ def load(
     sections: dict[str, Any] = {}
     scenario = validated(Scenario, document, sections)
     if sheets is not None:
-        sections["sheets"] = dict(zip(CARS, sheets, strict=True))
-    elif "models" in sections:
-        sections["models"], read_sheets = _models(sections["models"], near, document)
-        if len(read_sheets) == len(CARS):
+        if "initial" in sections:
+            sections["sheets"] = dict(zip(sections["initial"].roster.cars, sheets, strict=False))
+    elif "models" in sections and "initial" in sections:
+        cars = sections["initial"].roster.cars
+        sections["models"], read_sheets = _models(sections["models"], cars, near, document)
+        if len(read_sheets) == len(cars):
             sections["sheets"] = read_sheets
     codes: list[Code] = []
     if code and sheets is None and "metrics" in sections:  # what a recording names is not ours to run
@@ -134,7 +136,7 @@ def json_schema(of: type[Frozen] = Scenario) -> str:
 def _let_in(document: Document, near: Path | None, code: bool) -> None:
     """Puts drivers from outside in the place of their keys; problems are reported."""
     drivers = document.value.get("drivers")
-    for car in CARS[1:] if isinstance(drivers, dict) else ():
+    for car in in_order(drivers)[1:] if isinstance(drivers, dict) else ():
         given = drivers.get(car)
         kind = given.get("kind") if isinstance(given, dict) else None
         if not isinstance(kind, str) or kind in kinds():
@@ -152,11 +154,13 @@ def _let_in(document: Document, near: Path | None, code: bool) -> None:
         drivers[car] = validated_part(model, given | {"kind": found}, document, where) or UNREADABLE
 
 
-def _models(models: Models, near: Path | None, document: Document) -> tuple[Models, dict[str, DataSheet]]:
+def _models(
+    models: Models, cars: tuple[str, ...], near: Path | None, document: Document
+) -> tuple[Models, dict[str, DataSheet]]:
     """The models with their paths made absolute, and their data sheets; problems are reported."""
     names, sheets = {}, {}
-    for car in CARS:
-        name = getattr(models, car)
+    for car in cars:
+        name = models.of(car)
         try:
             folder = str(shipped.model_folder(name, near))
             names[car] = name if name in shipped.models() else folder

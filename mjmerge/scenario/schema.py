@@ -17,10 +17,11 @@ from mjmerge import drivers as _drivers
 from mjmerge.config.acts import BODIES, LIMITS, WHEELS, Acts
 from mjmerge.config.bounds import LONGEST_S
 from mjmerge.config.doors import Code
-from mjmerge.config.frozen import Frozen, NonNegative, Positive
+from mjmerge.config.frozen import Frozen, Further, NonNegative, PerCar, Positive
 from mjmerge.config.units import Unit, rescaled
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.roster import EGO, Roster, in_order
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -30,6 +31,8 @@ else:
     DriverSpec = _drivers.union()
 
 Need = Literal["barrier", "grip"]
+_TWO = ("vehicle_1", "vehicle_2")
+"""The neighbours that every scenario has: the paper's."""
 Place = Annotated[float, Field(ge=-1e9, le=1e9)]
 Point = Annotated[tuple[Place, Place], Field(strict=False)]
 
@@ -43,8 +46,10 @@ class CarStart(Frozen):
     """Speed along the road, m/s."""
 
 
-class Initial(Frozen):
-    """State at t = 0."""
+class Initial(PerCar):
+    """State at t = 0; who stands here is there: ``vehicle_3`` and so on may follow."""
+
+    __pydantic_extra__: dict[Further, CarStart]
 
     ego: CarStart
     vehicle_1: CarStart
@@ -54,16 +59,25 @@ class Initial(Frozen):
     mu: float = 0.0
     """Bifurcation parameter mu(0), 1."""
 
+    @property
+    def roster(self) -> Roster:
+        """Who is there."""
+        return Roster(in_order([*_TWO, *self.further]))
 
-class Drivers(Frozen):
+
+class Drivers(PerCar):
     """Who drives the neighbours; ``mjmerge list drivers`` shows the kinds."""
+
+    __pydantic_extra__: dict[Further, DriverSpec]
 
     vehicle_1: DriverSpec
     vehicle_2: DriverSpec
 
 
-class Models(Frozen):
+class Models(PerCar):
     """The car model of each car; ``mjmerge list models`` shows them."""
+
+    __pydantic_extra__: dict[Further, str]
 
     ego: str = "rc"
     vehicle_1: str = "rc"
@@ -71,6 +85,11 @@ class Models(Frozen):
     size: Annotated[float, Field(gt=0), Unit(1, 0)] = 1.0
     """Lengths of the cars over those of their data sheets. Only ideal plants have cars of any size: mujoco's
     come as they are."""
+
+    def of(self, car: str) -> str:
+        """The model of a car: ``rc`` where nothing is said."""
+        name: str = getattr(self, car, type(self).model_fields[EGO].default)
+        return name
 
 
 class Road(Frozen):
@@ -193,6 +212,26 @@ class Scenario(Frozen):
         copy = self.model_copy()
         copy._name = name
         return copy
+
+    @property
+    def roster(self) -> Roster:
+        """Who is there: the cars that stand somewhere at t = 0."""
+        return self.initial.roster
+
+    @property
+    def starts(self) -> tuple[CarStart, ...]:
+        """Where each car is at t = 0, (C,)."""
+        return tuple(getattr(self.initial, car) for car in self.roster.cars)
+
+    @property
+    def neighbours(self) -> tuple[DriverSpec, ...]:
+        """Who drives each neighbour, (C - 1,)."""
+        return tuple(getattr(self.drivers, car) for car in self.roster.neighbours)
+
+    @property
+    def car_models(self) -> tuple[str, ...]:
+        """The model of each car, (C,)."""
+        return tuple(self.models.of(car) for car in self.roster.cars)
 
     @property
     def given(self) -> Mapping[str, str]:

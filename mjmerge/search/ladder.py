@@ -15,7 +15,7 @@ from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.sweep.plan import MISMATCH, Batches, Case, acts, planned, size_of
-from mjmerge.sweep.rows import METRIC
+from mjmerge.sweep.rows import METRIC, min_d_m
 from mjmerge.sweep.sweep import measured
 from mjmerge.sweep.workers import Progress, Workers
 
@@ -165,10 +165,15 @@ def write(ladder: Ladder, folder: Path) -> None:
     """Plot, numbers and text."""
     save(waterfall(ladder), folder / "ladder.png")
     own = (name for name in ladder.rungs[0].row if name.startswith(METRIC))
-    columns = ("min_distance_m", "min_d_1_m", "min_d_2_m", "min_clearance_m", "verdict", "first_broken", *own)
+    columns = ("min_distance_m", *_each(ladder), "min_clearance_m", "verdict", "first_broken", *own)
     rows = [(r.name, r.adds, r.cost_m, *(r.row[c] for c in columns)) for r in ladder.rungs]
     save_rows([("rung", "adds", "cost_m", *columns), *rows], folder / "ladder.csv")
     put(folder / "ladder.md", markdown(ladder))
+
+
+def _each(ladder: Ladder) -> list[str]:
+    """Columns of the smallest d_j, neighbour by neighbour."""
+    return [min_d_m(j) for j in range(1, len(ladder.scenario.roster.cars))]
 
 
 def as_json(ladder: Ladder) -> dict[str, Any]:
@@ -182,10 +187,7 @@ def as_json(ladder: Ladder) -> dict[str, Any]:
                 "name": rung.name,
                 "adds": rung.adds,
                 "cost_m": rung.cost_m,
-                **{
-                    k: rung.row[k]
-                    for k in ("min_distance_m", "min_d_1_m", "min_d_2_m", "verdict", "floor_held")
-                },
+                **{k: rung.row[k] for k in ("min_distance_m", *_each(ladder), "verdict", "floor_held")},
                 **{name: value for name, value in rung.row.items() if name.startswith(METRIC)},
                 "held_back": _held_back(ladder, rung),
                 "no_effect": list(rung.idle),
@@ -205,17 +207,19 @@ def _held_back(ladder: Ladder, rung: Rung) -> list[str]:
 
 def markdown(ladder: Ladder) -> str:
     """The ladder as a table, with the command of every rung."""
+    each = _each(ladder)
     lines = [
         f"# The ladder of {ladder.scenario.name}",
         "",
         delay_line(ladder),
         "",
-        "| rung | adds | min d_1 (m) | min d_2 (m) | least (m) | costs (mm) | verdict |",
-        "|---|---|---|---|---|---|---|",
+        f"| rung | adds | {' | '.join(f'min d_{j} (m)' for j, _ in enumerate(each, 1))} | least (m) "
+        "| costs (mm) | verdict |",
+        "|---" * (5 + len(each)) + "|",
     ]
     for rung in ladder.rungs:
         row = rung.row
-        numbers = (_metres(row[key]) for key in ("min_d_1_m", "min_d_2_m", "min_distance_m"))
+        numbers = (_metres(row[key]) for key in (*each, "min_distance_m"))
         lines.append(
             f"| {rung.name} | {rung.adds} | {' | '.join(numbers)} | {_cost(rung)} | {row['verdict']} |"
         )
@@ -238,9 +242,11 @@ def rich_table(ladder: Ladder) -> Table:
     """The same for the terminal."""
     from rich.table import Table
 
-    grid = Table("rung", "adds", "min d_1", "min d_2", "costs (mm)", "verdict", box=None, pad_edge=False)
+    each = _each(ladder)
+    heads = (f"min d_{j}" for j, _ in enumerate(each, 1))
+    grid = Table("rung", "adds", *heads, "costs (mm)", "verdict", box=None, pad_edge=False)
     for rung in ladder.rungs:
-        numbers = (_metres(rung.row[key]) for key in ("min_d_1_m", "min_d_2_m"))
+        numbers = (_metres(rung.row[key]) for key in each)
         grid.add_row(rung.name, rung.adds, *numbers, _cost(rung), rung.row["verdict"])
     return grid
 

@@ -11,10 +11,11 @@ from typing import Any
 
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, most_threads, whole
 from mjmerge.config.document import copied, described
-from mjmerge.config.frozen import Frozen
+from mjmerge.config.frozen import Frozen, PerCar
 from mjmerge.config.read import raise_problems, validated
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, nearest
 from mjmerge.plant import PLANTS
+from mjmerge.roster import slot
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
@@ -56,9 +57,10 @@ def check_scenario(given: object) -> None:
 def _strangers(model: Frozen, key: str) -> Any:
     """Keys that an alteration made up."""
     fields = type(model).model_fields
-    for name, value in vars(model).items():
+    further = model.further if isinstance(model, PerCar) else {}
+    for name, value in (vars(model) | further).items():
         here = f"{key}.{name}" if key else name
-        if name not in fields:
+        if name not in fields and (name not in further or slot(name) is None):
             yield Problem(f"unknown key; {nearest(name, fields)}", here)
         elif isinstance(value, Frozen):
             yield from _strangers(value, here)

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.integrate import DOP853, OdeSolver, Radau
 from scipy.optimize import brentq
 
+from mjmerge.config.acts import listed
 from mjmerge.drivers import Traffic
 from mjmerge.errors import MjmergeError
 from mjmerge.law import Sensed, decide
@@ -77,7 +78,9 @@ class Equation:
         self._traffic, self._believed, self._command = traffic, believed, _COMMANDS[plant]
         self._plant = cast("Smooth", make(plant, scenario, None, (scenario.mismatch,), threads=0))
         self._frame_mps = np.zeros(self._plant.state().shape[1:])
-        self._frame_mps[:, 0] = scenario.initial.vehicle_1.speed_mps  # every plant's state begins with its x
+        self._frame_mps[:, 0] = scenario.starts[
+            1 + scenario.law.j_1
+        ].speed_mps  # every plant's state begins with its x
 
     def start(self) -> Array:
         """x(0), (K,)."""
@@ -93,13 +96,13 @@ class Equation:
         return x[:, :-2].reshape(-1, *self._frame_mps.shape) + time_s[:, None, None] * self._frame_mps
 
     def distance_m(self, x: Array) -> Array:
-        """d_1 and d_2 in x, m, (K,) -> (2,)."""
+        """Every d_j in x, m, (K,) -> (C-1,)."""
         front = self._cars(0.0, x).front_m[0]
         d: Array = norm(front[0] - front[1:]) - self._law.r_m
         return d
 
     def distance_rate_mps(self, x: Array) -> Array:
-        """Their rates in x, m/s, (K,) -> (2,)."""
+        """Their rates in x, m/s, (K,) -> (C-1,)."""
         cars = self._cars(0.0, x)
         e, nu = (values[0, 0] - values[0, 1:] for values in (cars.front_m, cars.velocity_mps))
         rate: Array = np.sum(e * nu, axis=-1) / norm(e)
@@ -112,7 +115,7 @@ class Equation:
         def f(time_s: float, x: Array) -> Array:
             cars, z = self._cars(time_s, x), self.z(x[None])
             u_j = self._traffic.intend(cars, min(max(time_s, first), last))
-            decision = decide(law, Sensed.of(cars, u_j[:, 0]), z)
+            decision = decide(law, Sensed.of(cars, u_j[:, law.j_1]), z)
             u = np.concatenate([decision.u[:, None], u_j], axis=1)
             motion = self._plant.rate(self._command(cars, u, self._believed, law)) - self._frame_mps
             ln_z_rate, mu_rate = rates(law, z, x[-1:], decision.mu_input)
@@ -196,7 +199,7 @@ def integrate(
             if end is not None:
                 break
     except _StuckError as stuck:
-        end = f"{stuck}, with d_1 = {d[0]:.3g} m and d_2 = {d[1]:.3g} m"
+        end = f"{stuck}, with {listed(tuple(f'd_{j} = {d_j:.3g} m' for j, d_j in enumerate(d, 1)))}"
     return Solution(
         equation.motion(time_s, samples), equation.z(samples), samples[:, -1], ticks, end, touched, crossing
     )

@@ -96,12 +96,12 @@ class Log:
         self._sheets, self._mismatch, self._continuous = sheets, mismatch, continuous
         self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
         self.columns = {
-            c.name: np.full((len(seeds), scenario.ticks, *c.shape), np.nan)
+            c.name: np.full((len(seeds), scenario.ticks, *c.shape(scenario.roster)), np.nan)
             for c in COLUMNS
             if not (c.told and told_truth)
         }
         if told_truth:  # nothing is kept twice
-            self.columns |= the_truth(self.columns)
+            self.columns |= the_truth(self.columns, scenario.law.j_1)
         self._stops: list[Stop] = []
         sinks = ((sink, BLOCK_S), (live, GLIMPSE_S))
         self._feeds = [

@@ -10,7 +10,6 @@ from mjmerge.config.bounds import check_runs
 from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
 from mjmerge.plant import check, make
-from mjmerge.roster import CARS
 from mjmerge.scenario.cars import believed_sheets, car_sheets
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.mismatch import Mismatch
@@ -86,12 +85,14 @@ def simulate(
     if world is None and (plant == "mujoco" or sink is not None or live is not None):
         world = build(scenario, mismatch)
     law, h = scenario.law, scenario.control_step_s
-    drivers = (scenario.drivers.vehicle_1, scenario.drivers.vehicle_2)
+    cars_there, j_1 = scenario.roster.cars, law.j_1
     moving = make(plant, scenario, world, mismatch, threads)
-    sense = Sensing(() if continuous else mismatch, seeds.tolist(), h)
+    sense = Sensing(() if continuous else mismatch, seeds.tolist(), h, len(cars_there) - 1)
     sheets = tuple(believed_sheets(scenario))
-    lanes_m, hold_s = moving.observe().front_m[:, 1:, 1], 0.0 if continuous else h
-    traffic = Traffic.of(drivers, seeds.tolist(), scenario.duration_s, lanes_m, sheets[1:], hold_s)
+    starts_m, hold_s = moving.observe().front_m[:, 1:], 0.0 if continuous else h
+    traffic = Traffic.of(
+        scenario.neighbours, seeds.tolist(), scenario.duration_s, starts_m, sheets[1:], hold_s, (j_1, law.j_2)
+    )
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
@@ -110,23 +111,25 @@ def simulate(
         for fault in moving.faults():
             if running[fault.run]:
                 running[fault.run] = False
-                log.stop(Stop(fault.run, t, CARS[fault.car], fault.reason, fault.touched, fault.crossing))
+                log.stop(
+                    Stop(fault.run, t, cars_there[fault.car], fault.reason, fault.touched, fault.crossing)
+                )
         if not running.any():
             break
         cars = moving.observe()
 
         # decide: the neighbours first, then the ego, which knows what the leader intends
         u_j = traffic.intend(cars, t)
-        seen, u_1 = sense(cars, u_j[:, 0])
+        seen, u_1 = sense(cars, u_j[:, j_1])
         decision = decide(law, Sensed.of(seen, u_1), z)
-        truth = geometry(law, Sensed.of(cars, u_j[:, 0]))  # by itself: not what the law makes of it
+        truth = geometry(law, Sensed.of(cars, u_j[:, j_1]))  # by itself: not what the law makes of it
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
         controls = actuate(seen, u, believed, law.eps_v_mps, h, feet, traffic.stands(cars, t, u_j))
 
         # record
-        row = _row(cars, seen, truth, controls, decision, z, mu, moving.contacts())
+        row = _row(cars, seen, truth, controls, decision, z, mu, moving.contacts(), j_1)
         if not sense.exact:
             row |= _told(seen, u_1)
         log.write(row, running, lambda: moving.qpos()[0])
@@ -160,6 +163,7 @@ def _row(
     z: Array,
     mu: Array,
     contacts: tuple[Array, Array],
+    j_1: int,
 ) -> dict[str, Array]:
     """One tick, as the columns of the trace."""
     return {
@@ -176,7 +180,7 @@ def _row(
         "clearance_m": cars.clearance_m,
         "contact_impulse_n_s": contacts[0],
         "contact_speed_mps": contacts[1],
-        "target_m": seen.front_m[:, 1] + decision.e_1_star,
+        "target_m": seen.front_m[:, 1 + j_1] + decision.e_1_star,
         "u_n_mps2": decision.u_n,
         "u_c_mps2": decision.u_c,
         "u_mps2": controls.u_mps2,

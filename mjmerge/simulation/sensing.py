@@ -17,8 +17,8 @@ from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.delay import Past
 
 _DRAWN_TICKS = 256  # random numbers are drawn for this many ticks at a time, so that batches cannot matter
-_STREAM = 1_000  # of a simulation's seed; drivers have the streams 0 and 1
-_OWN, _OTHERS = 7, 8  # numbers measured per tick: p, v, theta, v_r, delta of the ego; p_j, v_j of both others
+_STREAM = 1_000  # of a simulation's seed; drivers have the streams from 0 on
+_OWN, _OTHER = 7, 4  # numbers measured per tick: p, v, theta, v_r, delta of the ego; p_j, v_j of each other
 _EXACT = Mismatch()
 
 
@@ -30,13 +30,15 @@ def exact(mismatch: Mismatch) -> bool:
 class Sensing:
     """Holds what was measured before; one for all N simulations."""
 
-    def __init__(self, mismatches: Sequence[Mismatch], seeds: Sequence[int], step_s: float) -> None:
-        """Args: what is wrong in each simulation; their seeds; the control step, s."""
+    def __init__(
+        self, mismatches: Sequence[Mismatch], seeds: Sequence[int], step_s: float, neighbours: int
+    ) -> None:
+        """Args: what is wrong in each simulation; their seeds; the control step, s; how many neighbours."""
         truth = np.array([exact(m) for m in mismatches], dtype=bool)
         self.exact = bool(truth.all())
         if self.exact:
             return
-        self._told_truth = truth
+        self._told_truth, self._neighbours = truth, neighbours
         self._step_s = step_s
         (
             self._delay_s, self._bias_m, self._behind_m, self._dropout, self._window_s, self._told_delay_s,
@@ -56,7 +58,7 @@ class Sensing:
             )
         }  # fmt: skip
         p, v, theta, delta, p_j, v_j = noise.values()
-        self._deviation = np.stack([p, p, v, v, theta, v, delta, *[p_j, p_j, v_j, v_j] * 2], axis=-1)
+        self._deviation = np.stack([p, p, v, v, theta, v, delta, *[p_j, p_j, v_j, v_j] * neighbours], axis=-1)
         self._rngs = [np.random.default_rng([seed, _STREAM]) for seed in seeds]
         self._tick = 0
         self._truth: Past | None = None
@@ -80,13 +82,13 @@ class Sensing:
             self._u_1.push(u_1)
         seen = self._truth.ago(self._delay_s)
         seen = np.where(self._deviation == 0, seen, seen + noise)
-        own, others = seen[:, :_OWN], seen[:, _OWN:].reshape(len(seen), 2, 4)
+        own, others = seen[:, :_OWN], seen[:, _OWN:].reshape(len(seen), self._neighbours, _OTHER)
         p_j, v_j = self._followed(others[..., :2], others[..., 2:], lost)
         told = np.where(self._told[:, None], self._u_1.ago(self._told_delay_s), 0.0)
         return self._but_for_truth(cars, self._cars(cars, own, p_j, v_j)), told
 
     def _flat(self, cars: Cars) -> Array:
-        """What there is to measure, (N, _OWN + _OTHERS), with the neighbours' measured points in place."""
+        """What there is to measure, (N, K), with the neighbours' measured points in place."""
         n = len(cars.front_m)
         heading = cars.heading_rad[:, 1:]
         behind = self._behind_m[:, None]
@@ -98,15 +100,16 @@ class Sensing:
         point[..., 0] = np.where(bias == 0, point[..., 0], point[..., 0] + bias)
         own = [cars.front_m[:, 0], cars.velocity_mps[:, 0]]
         own += [a[:, :1] for a in (cars.heading_rad, cars.speed_mps, cars.steer_rad)]
-        others = np.concatenate([point, cars.velocity_mps[:, 1:]], axis=-1).reshape(n, _OTHERS)
+        others = np.concatenate([point, cars.velocity_mps[:, 1:]], axis=-1).reshape(n, -1)
         return np.concatenate([*own, others], axis=1)
 
     def _draw(self) -> tuple[Array, Mask]:
-        """This tick's noise, (N, _OWN + _OTHERS), and which neighbours are not seen, (N, 2)."""
+        """This tick's noise, (N, K), and which neighbours are not seen, (N, C-1)."""
         k = self._tick % _DRAWN_TICKS
         if k == 0:
-            self._normal = np.stack([r.standard_normal((_DRAWN_TICKS, _OWN + _OTHERS)) for r in self._rngs])
-            self._uniform = np.stack([r.random((_DRAWN_TICKS, 2)) for r in self._rngs])
+            numbers = _OWN + _OTHER * self._neighbours
+            self._normal = np.stack([r.standard_normal((_DRAWN_TICKS, numbers)) for r in self._rngs])
+            self._uniform = np.stack([r.random((_DRAWN_TICKS, self._neighbours)) for r in self._rngs])
         self._tick += 1
         return self._deviation * self._normal[:, k], self._uniform[:, k] < self._dropout[:, None]
 

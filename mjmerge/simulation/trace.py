@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mjmerge.config.document import described
 from mjmerge.errors import MjmergeError
-from mjmerge.roster import CARS, NEIGHBOURS, PAIR_NAMES, WHEELS, XY
+from mjmerge.roster import CARS, NEIGHBOURS, PAIRS, WHEELS, XY, Axis, Roster, along
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Mask
@@ -27,7 +27,7 @@ class Meaning:
 
     told = False
 
-    def __init__(self, symbol: str, doc: str, *axes: tuple[str, ...]) -> None:
+    def __init__(self, symbol: str, doc: str, *axes: Axis) -> None:
         self.symbol, self.doc, self.axes = symbol, doc, axes
 
 
@@ -43,22 +43,26 @@ class Column:
 
     Attributes:
         name: attribute of :class:`Trace`, with the unit at its end.
-        axes: names along each axis after (simulation, tick); ``()`` for a scalar.
+        axes: each axis after (simulation, tick): one that is as long as the roster says, or its names; ``()``
+            for a scalar.
         symbol: the paper's letter, or a short word.
         doc: what it is.
         told: whether it is what the ego is told, and repeats others where that is the truth.
     """
 
     name: str
-    axes: tuple[tuple[str, ...], ...]
+    axes: tuple[Axis, ...]
     symbol: str
     doc: str
     told: bool
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape after (simulation, tick)."""
-        return tuple(len(a) for a in self.axes)
+    def names(self, there: Roster) -> tuple[tuple[str, ...], ...]:
+        """Names along each axis, for the cars that are there."""
+        return along(self.axes, there)
+
+    def shape(self, there: Roster) -> tuple[int, ...]:
+        """Shape after (simulation, tick), likewise."""
+        return tuple(len(names) for names in self.names(there))
 
 
 @dataclass(frozen=True)
@@ -119,16 +123,18 @@ class Trace:
     sensed_heading_rad: Annotated[Array, Told("theta seen", "likewise its own heading")]
     sensed_speed_mps: Annotated[Array, Told("v_r seen", "likewise its own rear-axle speed")]
     sensed_steer_rad: Annotated[Array, Told("delta seen", "likewise its own steering angle")]
-    sensed_leader_mps2: Annotated[Array, Told("u_1 seen", "likewise what Vehicle 1 says that it intends", XY)]
-    gap_m: Annotated[Array, Meaning("dbar", "gap between the neighbours, |p_2 - p_1| - r")]
+    sensed_leader_mps2: Annotated[
+        Array, Told("u_1 seen", "likewise what the leader says that it intends", XY)
+    ]
+    gap_m: Annotated[Array, Meaning("dbar", "gap between leader and follower, |p_2 - p_1| - r")]
     gap_rate_mps: Annotated[Array, Meaning("dbar'", "rate of that gap")]
-    clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIR_NAMES)]
+    clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIRS)]
     contact_impulse_n_s: Annotated[
         Array,
-        Meaning("impulse", "of the contact between the bodies, over the tick that ends here", PAIR_NAMES),
+        Meaning("impulse", "of the contact between the bodies, over the tick that ends here", PAIRS),
     ]
     contact_speed_mps: Annotated[
-        Array, Meaning("impact", "how fast they moved against each other as that tick began", PAIR_NAMES)
+        Array, Meaning("impact", "how fast they moved against each other as that tick began", PAIRS)
     ]
     target_m: Annotated[Array, Meaning("p_1 + e_1*", "where the nominal law wants the ego", XY)]
     u_n_mps2: Annotated[Array, Meaning("u_n", "nominal tracking command of the ego", XY)]
@@ -147,23 +153,33 @@ class Trace:
     steer_clipped_rad: Annotated[Array, Meaning("delta clipped", "steering asked for and not given", CARS)]
 
     @property
+    def roster(self) -> Roster:
+        """Who is there."""
+        return self.scenario.roster
+
+    @property
     def runs(self) -> int:
         """Number of simulations N."""
         return len(self.seeds)
 
     @property
     def min_distance_m(self) -> Array:
-        """Smallest d_1 and d_2 of each simulation, m, (N, 2); NaN rows where a run has no data at all."""
+        """Smallest d_j of each simulation, m, (N, C-1); NaN rows where a run has no data at all."""
         return _least(self.distance_m)
 
     @property
     def touching(self) -> Mask:
-        """Whether two bodies touch at a tick or did since the last, (N, T, 3); never where there are none."""
+        """Whether two bodies touch at a tick or did since the last, (N, T, P); never where there are none."""
         return (self.clearance_m <= 0) | (self.contact_impulse_n_s > 0)
 
     @property
+    def touching_ego(self) -> Mask:
+        """The same of the ego and each neighbour, (N, T, C-1)."""
+        return self.touching[..., : len(self.roster.neighbours)]
+
+    @property
     def min_clearance_m(self) -> Array:
-        """Smallest distance between bodies, pair by pair, m, (N, 3); NaN where there are no bodies."""
+        """Smallest distance between bodies, pair by pair, m, (N, P); NaN where there are no bodies."""
         return _least(self.clearance_m)
 
 
@@ -188,11 +204,12 @@ COLUMNS: tuple[Column, ...] = tuple(
 """Every column of a trace, in the order of its declaration."""
 
 
-def the_truth(columns: Mapping[str, Array]) -> dict[str, Array]:
+def the_truth(columns: Mapping[str, Array], j_1: int) -> dict[str, Array]:
     """The columns of what the ego is told where that is the truth: views of others.
 
     Args:
         columns: the others by name, (..., shape of the column).
+        j_1: where the leader is along the axis of neighbours.
     """
     return {
         "sensed_front_m": columns["front_m"],
@@ -200,7 +217,7 @@ def the_truth(columns: Mapping[str, Array]) -> dict[str, Array]:
         "sensed_heading_rad": columns["heading_rad"][..., 0],
         "sensed_speed_mps": columns["speed_mps"][..., 0],
         "sensed_steer_rad": columns["steer_rad"][..., 0],
-        "sensed_leader_mps2": columns["u_mps2"][..., 1, :],
+        "sensed_leader_mps2": columns["u_mps2"][..., 1 + j_1, :],
     }
 
 

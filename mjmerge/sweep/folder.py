@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from mjmerge.config import shipped
 from mjmerge.errors import OutputError
 from mjmerge.outputs import cannot_write
-from mjmerge.roster import CARS
 from mjmerge.scenario.cars import codes
 from mjmerge.sweep.plan import Batch, Plan
 from mjmerge.sweep.workers import Shard
@@ -32,7 +31,7 @@ def identity(plan: Plan) -> dict[str, Any]:
     scenarios = [
         [plan.labels[b.source], b.plant, b.continuous, b.scenario.model_dump_json()] for b in batches.values()
     ]
-    models = {getattr(b.scenario.models, car) for b in batches.values() for car in CARS}
+    models = {model for b in batches.values() for model in b.scenario.car_models}
     runs = [
         [order[id(case.batch)], case.point, case.seed, *case.overrides, case.mismatch.model_dump(mode="json")]
         for case in plan.cases

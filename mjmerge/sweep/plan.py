@@ -125,6 +125,11 @@ class Plan:
         return tuple(dict.fromkeys(name for batch in self.batches for name in own.names(batch.scenario)))
 
     @cached_property
+    def neighbours(self) -> int:
+        """How many neighbours the scenario with most of them has."""
+        return max(len(batch.scenario.roster.neighbours) for batch in self.batches)
+
+    @cached_property
     def bounds(self) -> bool:
         """Whether some scenario has bounds of its own metrics."""
         return any(batch.scenario.expect.metrics for batch in self.batches)

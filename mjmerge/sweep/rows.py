@@ -48,13 +48,20 @@ NUMBERS = (
 )
 """Columns that are numbers, or null where there is none; contacts are those of the ego.
 
-For so long bodies touched though d_j > 0, or stayed clear though d_j <= 0, both neighbours together.
+For so long bodies touched though d_j > 0, or stayed clear though d_j <= 0, all neighbours together.
 """
 TEXTS = ("outcome", "verdict", "first_broken", "stopped")
 """Columns that are text; ``first_broken`` is the hypothesis that the verdict names: of an unsafe run, the
 first that was still broken, or broke, in the approach; of a safe one, the first of all."""
 FLAGS = ("floor_held", "needed", "underflow")
 """Columns that are true or false, or null; ``needed`` is whether the run is safe because of the barrier."""
+
+
+def min_d_m(j: int) -> str:
+    """Column of the smallest d_j of a neighbour, the first is 1; the first two are in ``NUMBERS``."""
+    return f"min_d_{j}_m"
+
+
 METRIC = "metric."
 """Before the name of a metric of a scenario's own: a column of its numbers."""
 METRICS_HELD = "metrics_held"
@@ -70,13 +77,14 @@ Rows = list[dict[str, Any]]
 def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array] | None = None) -> list[Row]:
     """One row for every simulation of a trace, with the columns ``NUMBERS``, ``TEXTS`` and ``FLAGS``.
 
-    And one for each metric of the scenario's own, by name, (N,).
+    And one for each neighbour from the third on, and each metric of the scenario's own, by name, (N,).
     """
     bounds, metrics = trace.scenario.expect.metrics, metrics or {}
-    least = trace.min_distance_m.min(axis=1)  # NaN where either is unknown
+    least = trace.min_distance_m.min(axis=1)  # NaN where any is unknown
     d = np.where(np.isnan(trace.distance_m), np.inf, trace.distance_m).min(axis=2)
     closest_s = trace.time_s[np.argmin(d, axis=1)]
-    clearance = trace.min_clearance_m[:, :2].min(axis=1)
+    neighbours = len(trace.roster.neighbours)
+    clearance = trace.min_clearance_m[:, :neighbours].min(axis=1)
     merged = merged_at_s(trace)
     busy_s = saturated(trace)[:, :, 0].sum(axis=1) * trace.scenario.control_step_s
     impulse, speed, first = _contacts(trace)
@@ -96,8 +104,7 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
             "needed": verdict.needed,
             "without_barrier_m": verdict.without_barrier_m,
             "min_distance_m": _known(least[i]),
-            "min_d_1_m": _known(trace.min_distance_m[i, 0]),
-            "min_d_2_m": _known(trace.min_distance_m[i, 1]),
+            **{min_d_m(j): _known(d_j) for j, d_j in enumerate(trace.min_distance_m[i], 1)},
             "t_min_distance_s": _known(closest_s[i] if np.isfinite(least[i]) else np.nan),
             "min_clearance_m": _known(clearance[i]),
             "contact_impulse_n_s": _known(impulse[i]),
@@ -132,11 +139,12 @@ def outcome(verdict: Verdict) -> str:
 
 
 def _contacts(trace: Trace) -> tuple[Array, Array, Array]:
-    """Of the ego with either neighbour: impulse, N s; fastest approach, m/s; first time, s; each (N,)."""
-    impulse = trace.contact_impulse_n_s[:, :, :2]
+    """Of the ego with any neighbour: impulse, N s; fastest approach, m/s; first time, s; each (N,)."""
+    neighbours = len(trace.roster.neighbours)
+    impulse = trace.contact_impulse_n_s[:, :, :neighbours]
     known: Any = ~np.isnan(impulse).all(axis=(1, 2))
-    speed = np.nan_to_num(trace.contact_speed_mps[:, :, :2]).max(axis=(1, 2))
-    touching = np.any(trace.touching[:, :, :2], axis=2)
+    speed = np.nan_to_num(trace.contact_speed_mps[:, :, :neighbours]).max(axis=(1, 2))
+    touching = np.any(trace.touching_ego, axis=2)
     first = np.where(touching.any(axis=1), trace.time_s[np.argmax(touching, axis=1)], np.nan)
     return (
         np.where(known, np.nansum(impulse, axis=(1, 2)), np.nan),

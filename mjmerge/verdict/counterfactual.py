@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjmerge.drivers import Absent
-from mjmerge.roster import CARS
 from mjmerge.scenario.effect import acting
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
@@ -28,13 +27,12 @@ def unguarded(scenario: Scenario) -> Scenario:
 
 
 def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
-    """How close simulations come on the ideal plant without the barrier: least d_1 and d_2, m, (M, 2).
+    """How close simulations come on the ideal plant without the barrier: least d_j, m, (M, C-1).
 
     NaN where that cannot be asked, because a driver's code is not here.
     """
-    drivers = trace.scenario.drivers
-    if any(isinstance(getattr(drivers, car), Absent) for car in CARS[1:]):
-        return np.full((len(runs), 2), np.nan)
+    if any(isinstance(driver, Absent) for driver in trace.scenario.neighbours):
+        return np.full((len(runs), trace.distance_m.shape[2]), np.nan)
     return _ideal_m(unguarded(trace.scenario), trace, runs)
 
 
@@ -45,7 +43,7 @@ def with_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
 
 
 def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int]) -> Array:
-    """Least d_1 and d_2 of a scenario on the ideal plant, m, (M, 2).
+    """Least d_j of a scenario on the ideal plant, m, (M, C-1).
 
     With the same neighbours, seeds, measurements and dead time, as far as the ideal plant has them;
     simulations that differ in nothing of that share one run. NaN where that run has no data.

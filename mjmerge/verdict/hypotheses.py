@@ -112,24 +112,27 @@ def _neighbours_bounded(trace: Trace) -> Mask:
 def _neighbours_apart(trace: Trace) -> Mask:
     """By their bodies where there are any, else by the bodies they would have: rectangles along the road."""
     if trace.plant in BODIES:
-        touching: Mask = trace.touching[:, :, 2]
+        touching: Mask = np.any(trace.touching[:, :, trace.roster.others], axis=2)
         return touching
-    one, other = car_sheets(trace.scenario)[1:]
-    p = trace.front_m
-    noses = p[:, :, 1, 0] + one.front_overhang_m, p[:, :, 2, 0] + other.front_overhang_m
-    along = np.minimum(*noses) - np.maximum(noses[0] - one.length_m, noses[1] - other.length_m)
-    across = (one.width_m + other.width_m) / 2 - np.abs(p[:, :, 1, 1] - p[:, :, 2, 1])
-    overlap: Mask = (along >= 0) & (across > 0)
+    sheets, p = car_sheets(trace.scenario), trace.front_m
+    overlap = np.zeros(p.shape[:2], dtype=bool)
+    for a, b in trace.roster.pairs[trace.roster.others]:
+        one, other = sheets[a], sheets[b]
+        noses = p[:, :, a, 0] + one.front_overhang_m, p[:, :, b, 0] + other.front_overhang_m
+        along = np.minimum(*noses) - np.maximum(noses[0] - one.length_m, noses[1] - other.length_m)
+        across = (one.width_m + other.width_m) / 2 - np.abs(p[:, :, a, 1] - p[:, :, b, 1])
+        overlap |= (along >= 0) & (across > 0)
     return overlap
 
 
 def _leave_2r(trace: Trace) -> Mask:
     """In continuous time margins meet, and the run ends, between two ticks: the gap at the next counts."""
-    p, r = trace.front_m, trace.scenario.law.r_m
+    p, law, r = trace.front_m, trace.scenario.law, trace.scenario.law.r_m
+    one, two = 1 + law.j_1, 1 + law.j_2
     ahead_s = trace.scenario.control_step_s if trace.continuous else 0.0
     gap = trace.gap_m + np.minimum(trace.gap_rate_mps * ahead_s, 0) if ahead_s else trace.gap_m
-    between = (p[:, :, 0, 0] < p[:, :, 1, 0]) & (p[:, :, 0, 0] > p[:, :, 2, 0])
-    in_lane = np.abs(p[:, :, 0, 1] - p[:, :, 1, 1]) < r
+    between = (p[:, :, 0, 0] < p[:, :, one, 0]) & (p[:, :, 0, 0] > p[:, :, two, 0])
+    in_lane = np.abs(p[:, :, 0, 1] - p[:, :, one, 1]) < r
     return between & in_lane & (gap + r <= 2 * r)
 
 
@@ -147,7 +150,7 @@ def _felt(trace: Trace) -> Mask:
 
 
 def _margin_covers(trace: Trace) -> Mask:
-    touching: Mask = np.any(trace.touching[:, :, :2] & (trace.distance_m > 0), axis=2)
+    touching: Mask = np.any(trace.touching_ego & (trace.distance_m > 0), axis=2)
     return touching
 
 

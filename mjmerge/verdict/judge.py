@@ -99,7 +99,7 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
 
     Args:
         trace: what happened.
-        without: least d_1 and d_2 of each simulation on the ideal plant without the barrier, m, (N, 2). By
+        without: least d_j of each simulation on the ideal plant without the barrier, m, (N, C-1). By
             default they are simulated, of those that are safe.
 
     Raises:
@@ -108,7 +108,7 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
     check_trace(trace)
     evidence = _Evidence.of(trace)
     safe = [run for run in range(trace.runs) if evidence.is_safe(run)]
-    least = np.full((trace.runs, 2), np.nan)
+    least = np.full((trace.runs, trace.distance_m.shape[2]), np.nan)
     if without is not None:
         least[safe] = without[safe]
     elif trace.scenario.law.k_o > 0 and safe:
@@ -163,7 +163,7 @@ class _Evidence:
         trace: the trace.
         hypotheses: those that are asked of it, by name.
         marks: the ticks at which each is broken, (N, T).
-        unsafe: the ticks at which each pair is, (N, T, 2).
+        unsafe: the ticks at which each pair with the ego is, (N, T, C-1).
         stops: why simulations ended early, by simulation.
     """
 
@@ -177,7 +177,7 @@ class _Evidence:
     def of(cls, trace: Trace) -> _Evidence:
         hypotheses = asked(trace)
         marks = {name: one.marks(trace) for name, one in hypotheses.items()}
-        unsafe = (trace.distance_m <= 0) | trace.touching[:, :, :2]
+        unsafe = (trace.distance_m <= 0) | trace.touching_ego
         return cls(trace, hypotheses, marks, unsafe, {stop.run: stop for stop in trace.stops})
 
     def is_safe(self, run: int) -> bool:
@@ -222,7 +222,7 @@ class _Evidence:
         ]
 
     def approach(self, run: int, tick: int, pairs: Mask) -> int:
-        """The tick from which pairs, (2,), came to be unsafe at a tick: when both were last comfortable."""
+        """The tick from which pairs, (C-1,), came to be unsafe at a tick: when both were last comfortable."""
         near = self.trace.distance_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.law.r_m
         apart = [np.flatnonzero(~row) for row in near]
         return min(int(ticks[-1]) if ticks.size else 0 for ticks in apart)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.config.bounds import whole
-from mjmerge.roster import CARS, PAIRS
+from mjmerge.roster import EGO
 from mjmerge.simulation.trace import Trace, check_trace
 from mjmerge.state import Array, Mask, nanoseconds
 
@@ -33,7 +33,7 @@ class Event:
     Attributes:
         time_s: when, s.
         level: how bad.
-        car: which car, as in ``CARS``.
+        car: which car, as in the roster.
         text: what, in words and numbers.
     """
 
@@ -48,7 +48,7 @@ class Collision:
     """Two bodies that touched, for the first time.
 
     Attributes:
-        a: one car, as in ``CARS``.
+        a: one car, as in the roster.
         b: the other.
         time_s: when, s.
         speed_mps: how fast they moved against each other, m/s; ``None`` where that is not known.
@@ -63,27 +63,27 @@ class Collision:
     def sentence(self) -> str:
         """As the beginning of a reason."""
         fast = "" if self.speed_mps is None else f" at {self.speed_mps:.2f} m/s"
-        who = f"the ego hits {self.b}" if self.a == CARS[0] else f"{self.a} and {self.b} collide"
+        who = f"the ego hits {self.b}" if self.a == EGO else f"{self.a} and {self.b} collide"
         return f"{who} at {self.time_s:.2f} s{fast}"
 
 
 def collisions(trace: Trace, run: int = 0) -> list[Collision]:
     """Which bodies touched in one simulation, whoever they are: the first time of each pair, in order."""
-    found = []
-    for i, (a, b) in enumerate(PAIRS):
+    found, cars = [], trace.roster.cars
+    for i, (a, b) in enumerate(trace.roster.pairs):
         touching = np.flatnonzero(trace.touching[run, :, i])
         if touching.size:
             first = touching[touching < touching[0] + max(1, round(_JOIN_S / trace.scenario.control_step_s))]
             speeds = trace.contact_speed_mps[run, first, i]
             known = speeds[speeds > 0]
             speed = float(known[0]) if known.size else None
-            found.append(Collision(CARS[a], CARS[b], float(trace.time_s[touching[0]]), speed))
+            found.append(Collision(cars[a], cars[b], float(trace.time_s[touching[0]]), speed))
     return sorted(found, key=lambda collision: collision.time_s)
 
 
 def lateral_error_m(trace: Trace) -> Array:
-    """How far the ego is across the road from Vehicle 1, signed, m, (N, T)."""
-    return trace.front_m[:, :, 0, 1] - trace.front_m[:, :, 1, 1]
+    """How far the ego is across the road from the leader, signed, m, (N, T)."""
+    return trace.front_m[:, :, 0, 1] - trace.front_m[:, :, 1 + trace.scenario.law.j_1, 1]
 
 
 def turned_rad(trace: Trace) -> Array:
@@ -100,7 +100,7 @@ def turned_rad(trace: Trace) -> Array:
 
 
 def merged(trace: Trace) -> Mask:
-    """Whether the ego is in Vehicle 1's lane, along the road, and turns no more, (N, T); false for NaN.
+    """Whether the ego is in the leader's lane, along the road, and turns no more, (N, T); false for NaN.
 
     A point has no heading: on ``double_integrator`` the lane alone counts.
     """
@@ -135,14 +135,15 @@ def saturated(trace: Trace) -> Mask:
 
 
 def touching_ticks_in_margin(trace: Trace) -> NDArray[np.int64]:
-    """Ticks in which the ego touches a neighbour although d_j > 0, (N, 2): too small a margin."""
-    found: NDArray[np.int64] = np.sum(trace.touching[..., :2] & (trace.distance_m > 0), axis=1)
+    """Ticks in which the ego touches a neighbour although d_j > 0, (N, C-1): too small a margin."""
+    found: NDArray[np.int64] = np.sum(trace.touching_ego & (trace.distance_m > 0), axis=1)
     return found
 
 
 def clear_ticks_without_margin(trace: Trace) -> NDArray[np.int64]:
-    """Ticks in which the ego is clear of a neighbour although d_j <= 0, (N, 2): more margin than need be."""
-    clear = ~trace.touching[..., :2] & ~np.isnan(trace.clearance_m[..., :2])
+    """Ticks in which the ego is clear of a neighbour although d_j <= 0, (N, C-1): more margin than need."""
+    touching = trace.touching_ego
+    clear = ~touching & ~np.isnan(trace.clearance_m[..., : touching.shape[-1]])
     found: NDArray[np.int64] = np.sum(clear & (trace.distance_m <= 0), axis=1)
     return found
 
@@ -156,7 +157,7 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
     check_trace(trace)
     whole("run", run, 0, trace.runs - 1)
     found: list[Event] = []
-    time_s = trace.time_s
+    time_s, cars = trace.time_s, trace.roster.cars
 
     joined = round(_JOIN_S / trace.scenario.control_step_s)
 
@@ -192,7 +193,7 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
             furthest = np.degrees(heading[start + int(np.argmax(np.abs(heading[start:end])))])
             text = f"drives across the road, up to {furthest:.0f} degrees off it{within(start, end)}"
             add(start, "warning", "ego", text)
-    for j, name in enumerate(CARS[1:]):
+    for j, name in enumerate(cars[1:]):
         d = trace.distance_m[run, :, j]
         for start, end in spans(d <= 0):
             least = np.nanmin(d[start:end])
@@ -202,14 +203,14 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
                 "ego",
                 f"d_{j + 1} <= 0: inside the margin of {name}, down to {least:.3f} m{within(start, end)}",
             )
-    for i, (a, b) in enumerate(PAIRS):
+    for i, (a, b) in enumerate(trace.roster.pairs):
         for start, end in spans(trace.touching[run, :, i]):
             impulse = np.nansum(trace.contact_impulse_n_s[run, start:end, i])
             speeds = trace.contact_speed_mps[run, start:end, i]
             first = speeds[np.argmax(speeds > 0)]
             hit = f" at {first:.2f} m/s, {impulse:.3g} N s" if impulse > 0 else ""
-            add(start, "error", CARS[a], f"touches {CARS[b]}{hit}{within(start, end)}")
-    for c, name in enumerate(CARS):
+            add(start, "error", cars[a], f"touches {cars[b]}{hit}{within(start, end)}")
+    for c, name in enumerate(cars):
         for start, end in spans(saturated(trace)[run, :, c]):
             add(start, "warning", name, f"is asked for more than it can do{within(start, end)}")
     found += [Event(s.time_s, "error", s.car, f"stopped: {s.reason}") for s in trace.stops if s.run == run]

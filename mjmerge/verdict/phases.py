@@ -59,7 +59,7 @@ def phases(trace: Trace, run: int = 0) -> list[Phase]:
 def _states(trace: Trace, run: int) -> dict[str, NDArray[np.int64]]:
     """The state of each subject at every tick, as an index into its names, (T,)."""
     inside: Mask = np.any(trace.distance_m[run] <= 0, axis=1)
-    touching: Mask = np.any(trace.touching[run, :, :2], axis=1)
+    touching: Mask = np.any(trace.touching_ego[run], axis=1)
     merging = trace.weight[run] > INTENT
     return {
         "decision": np.where(merged(trace)[run] & merging, 2, merging.astype(np.int64)),

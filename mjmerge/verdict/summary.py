@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.roster import CARS, NEIGHBOURS
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import Trace
@@ -51,7 +50,8 @@ def summary(
     known = ~np.isnan(trace.front_m[:, :, 0, 0])
     ends = np.where(known, trace.time_s, 0.0).max(axis=1).tolist()  # 0 where it stopped before its first tick
     worst = max(verdicts, key=lambda v: (VERDICTS.index(v.verdict), v.run == run))
-    clearance = trace.min_clearance_m[:, :2]
+    there = trace.roster
+    clearance = trace.min_clearance_m[:, : len(there.neighbours)]
     return {
         "scenario": trace.scenario.name,
         "plant": trace.plant,
@@ -66,11 +66,12 @@ def summary(
         "floor_held_runs": sum(v.floor_held for v in verdicts),
         "worst_seed": int(trace.seeds[run]),
         "min_distance_m": {
-            car: number(least) for car, least in zip(NEIGHBOURS, _least(trace.min_distance_m), strict=True)
+            car: number(least)
+            for car, least in zip(there.neighbours, _least(trace.min_distance_m), strict=True)
         },
         "t_min_distance_s": {
             car: number(trace.time_s[np.argmin(np.where(np.isnan(d), np.inf, d))])
-            for car, d in zip(NEIGHBOURS, distance_m.T, strict=True)
+            for car, d in zip(there.neighbours, distance_m.T, strict=True)
         },
         "min_clearance_m": number(_least(clearance.reshape(-1, 1))[0]),
         "collisions": [
@@ -84,7 +85,7 @@ def summary(
         "turned_rad": number(turned_rad(trace)[run]),
         "saturated_s": {
             car: number(saturated(trace)[run, :, c].sum() * trace.scenario.control_step_s)
-            for c, car in enumerate(CARS)
+            for c, car in enumerate(there.cars)
         },
         "peak_u_c_mps2": number(-_least(-np.hypot(*trace.u_c_mps2[run].T)[:, None])[0]),
         "hypotheses": dict.fromkeys(asked(trace)) | {b.hypothesis: b.time_s for b in verdicts[run].breaches},

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.roster import NEIGHBOURS
 from mjmerge.verdict.metrics import MERGED_M, TURNED_RAD
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ def table(found: dict[str, Any]) -> Table:
     grid = Table(show_header=False, box=None, pad_edge=False)
     grid.add_column(style="bold")
     grid.add_column()
-    for j, car in enumerate(NEIGHBOURS):
+    for j, car in enumerate(found["min_distance_m"]):
         least, at = found["min_distance_m"][car], found["t_min_distance_s"][car]
         grid.add_row(f"min d_{j + 1}", f"{metres(least)} at {seconds(at)}  (to {car})")
     clearance = found["min_clearance_m"]

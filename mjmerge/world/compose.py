@@ -20,7 +20,7 @@ import mujoco
 
 from mjmerge.config import shipped
 from mjmerge.errors import ModelError
-from mjmerge.roster import CARS, PAINT, WHEELS
+from mjmerge.roster import WHEELS, paint
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.mismatch import Mismatch, Tyre
 from mjmerge.scenario.schema import Scenario
@@ -63,7 +63,7 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
     """
     mismatch = mismatch or (scenario.mismatch,)
     return compose(
-        {car: getattr(scenario.models, car) for car in CARS},
+        dict(zip(scenario.roster.cars, scenario.car_models, strict=True)),
         friction=mismatch[0].friction,
         tyres="slip" if any(m.tyres == "slip" for m in mismatch) else "ideal",
         delays_s={"ego": max(m.command_delay_s for m in mismatch)},
@@ -167,25 +167,23 @@ def compose(
     return World(model, xml, cars, sheets, tyres)
 
 
-def attached(
-    model: mujoco.MjModel, xml: str, sheets: Sequence[DataSheet], tyres: Tyre, physics_step_s: float
-) -> World:
+def attached(model: mujoco.MjModel, xml: str, sheets: Sequence[DataSheet], scenario: Scenario) -> World:
     """The world of a scenario as a recording holds it, compiled: nothing of its cars is read from elsewhere.
 
     Args:
         model: the compiled world.
         xml: the MJCF it was compiled from.
         sheets: data sheet of each car.
-        tyres: whether they slip.
-        physics_step_s: time step that it must have.
+        scenario: who is in it, whether tyres slip, and the time step that it must have.
 
     Raises:
         ModelError: a car in it is not what its data sheet says, or lacks something.
     """
+    cars, physics_step_s = scenario.roster.cars, scenario.physics_step_s
     if model.opt.timestep != physics_step_s:
         raise ModelError(f"its world has time steps of {model.opt.timestep:g} s, not {physics_step_s:g} s")
     findings: list[Finding] = []
-    for car, sheet in zip(CARS, sheets, strict=True):
+    for car, sheet in zip(cars, sheets, strict=True):
         one = Car(model, car, sheet)
         try:
             for check in (car_checks, car_joints, car_controls, car_sizes):
@@ -195,7 +193,7 @@ def attached(
             raise ModelError(f"its world lacks something of {car}: {lacks}") from error
     if problems := told(findings):
         raise ModelError("; ".join(problems))
-    return World(model, xml, CARS, tuple(sheets), tyres)
+    return World(model, xml, cars, tuple(sheets), scenario.mismatch.tyres)
 
 
 def _why(error: ValueError, files: Mapping[str, CarFile]) -> str:
@@ -222,7 +220,7 @@ def _add_car(
     """Attaches a car under its role's name, paints it, frees it, and lets its tyres touch the road."""
     model, file = _load_car(folder, sheet)
     model.model = car
-    model.find("material", "paint").rgba = (*PAINT[car], 1)
+    model.find("material", "paint").rgba = (*paint(car), 1)
     frame = root.attach(model)
     frame.add("freejoint", name="free")
     for wheel in WHEELS:

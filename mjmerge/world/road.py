@@ -7,17 +7,16 @@ from math import ceil
 from dm_control import mjcf
 
 from mjmerge.config.bounds import MOST_DASHES
-from mjmerge.roster import CARS
 from mjmerge.scenario.schema import Scenario
 
 
 def mark_lanes(root: mjcf.RootElement, scenario: Scenario) -> None:
     """The markings of the lanes that the cars start in, in the size of the lane."""
-    lanes = [getattr(scenario.initial, car).front_m[1] for car in CARS]
+    lanes = [start.front_m[1] for start in scenario.starts]
     width = scenario.road.lane_width_m
     low, high = min(lanes) - width / 2, max(lanes) + width / 2
-    speeds = [getattr(scenario.initial, car).speed_mps for car in CARS]
-    starts = [getattr(scenario.initial, car).front_m[0] for car in CARS]
+    speeds = [start.speed_mps for start in scenario.starts]
+    starts = [start.front_m[0] for start in scenario.starts]
     begin = min(starts) - 4 * width
     end = max(starts) + 8 * width + 1.5 * max(max(speeds), 0.0) * scenario.duration_s
 

@@ -20,15 +20,17 @@ def barrier(law: Law, g: Array, d: Array, d_dot: Array) -> Array:
 
     Args:
         law: gains and variant.
-        g: unit vectors from the neighbours to the ego, (N, 2, 2), neighbour before component.
-        d: distances d_j, m, (N, 2).
-        d_dot: their rates, m/s, (N, 2).
+        g: unit vectors from the neighbours to the ego, (N, C-1, 2), neighbour before component.
+        d: distances d_j, m, (N, C-1).
+        d_dot: their rates, m/s, (N, C-1).
     """
     for part in reading(law.variant).approach:
         d, d_dot = part(law, d, d_dot)
     phi = d_dot / nonzero(d)
     pull = -law.k_o * phi
-    u_c: Array = pull[:, :1] * g[:, 0] + pull[:, 1:] * g[:, 1]
+    u_c = pull[:, :1] * g[:, 0]
+    for j in range(1, pull.shape[1]):
+        u_c = u_c + pull[:, j : j + 1] * g[:, j]
     return u_c
 
 

@@ -16,14 +16,14 @@ from mjmerge.state import Array, Cars, dot, norm
 
 @dataclass(frozen=True)
 class Sensed:
-    """All the law ever sees of the world; neighbours are Vehicle 1 and Vehicle 2, in this order.
+    """All the law ever sees of the world, of an ego and C - 1 neighbours.
 
     Attributes:
         p: the ego's front axle, m, (N, 2).
         v: its velocity, m/s, (N, 2).
-        p_j: the neighbours' front axles, m, (N, 2, 2), neighbour before component.
-        v_j: their velocities, m/s, (N, 2, 2).
-        u_1: acceleration Vehicle 1 intends, as if it told the ego, m/s^2, (N, 2).
+        p_j: the neighbours' front axles, m, (N, C-1, 2), neighbour before component.
+        v_j: their velocities, m/s, (N, C-1, 2).
+        u_1: acceleration that the leader intends, as if it told the ego, m/s^2, (N, 2).
     """
 
     p: Array
@@ -34,7 +34,7 @@ class Sensed:
 
     @classmethod
     def of(cls, cars: Cars, u_1: Array) -> Sensed:
-        """From the motion of all cars and what Vehicle 1 intends, m/s^2, (N, 2)."""
+        """From the motion of all cars and what the leader intends, m/s^2, (N, 2)."""
         p, v = cars.front_m, cars.velocity_mps
         return cls(p=p[:, 0], v=v[:, 0], p_j=p[:, 1:], v_j=v[:, 1:], u_1=u_1)
 
@@ -44,10 +44,10 @@ class Geometry:
     """Distances and gap, in the paper's letters.
 
     Attributes:
-        g: unit vectors from the neighbours to the ego, (N, 2, 2).
-        d: distances d_j, m, (N, 2).
-        d_dot: their rates, m/s, (N, 2).
-        dbar: gap between the neighbours less r, m, (N,).
+        g: unit vectors from the neighbours to the ego, (N, C-1, 2).
+        d: distances d_j, m, (N, C-1).
+        d_dot: their rates, m/s, (N, C-1).
+        dbar: gap between the leader and the follower less r, m, (N,).
         dbar_dot: its rate, m/s, (N,).
     """
 
@@ -68,7 +68,7 @@ class Decision:
         u_c: barrier part, m/s^2, (N, 2).
         geometry: distances and gap as sensed.
         w: weight of the merge, (N,).
-        e_1_star: target as seen from Vehicle 1, m, (N, 2).
+        e_1_star: target as seen from the leader, m, (N, 2).
         mu_input: input of the mu-law, 1/s, (N,).
     """
 
@@ -87,18 +87,18 @@ def _unit(a: Array, length: Array) -> Array:
 
 
 def geometry(law: Law, sensed: Sensed) -> Geometry:
-    """Distances and gap of N simulations, with the margin r of the law."""
+    """Distances to every neighbour, and the gap between the two that the law names, with its margin r."""
     e = sensed.p[:, None] - sensed.p_j
     distance = norm(e)
     g = _unit(e, distance)  # from the neighbour to the ego; the paper's text has it the other way round
-    p_21 = sensed.p_j[:, 1] - sensed.p_j[:, 0]
+    p_21 = sensed.p_j[:, law.j_2] - sensed.p_j[:, law.j_1]
     gap = norm(p_21)
     return Geometry(
         g=g,
         d=distance - law.r_m,
         d_dot=dot(g, sensed.v[:, None] - sensed.v_j),
         dbar=gap - law.r_m,
-        dbar_dot=dot(_unit(p_21, gap), sensed.v_j[:, 1] - sensed.v_j[:, 0]),
+        dbar_dot=dot(_unit(p_21, gap), sensed.v_j[:, law.j_2] - sensed.v_j[:, law.j_1]),
     )
 
 
@@ -110,7 +110,8 @@ def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
         sensed: what the ego senses.
         z: opinion, (N,).
     """
-    e_1, nu_1 = sensed.p - sensed.p_j[:, 0], sensed.v - sensed.v_j[:, 0]
+    j_1, j_2 = law.j_1, law.j_2
+    e_1, nu_1 = sensed.p - sensed.p_j[:, j_1], sensed.v - sensed.v_j[:, j_1]
     seen = geometry(law, sensed)
     w = weight(law, z)
     e_1_star = target(law, w)
@@ -126,5 +127,5 @@ def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
         geometry=seen,
         w=w,
         e_1_star=e_1_star,
-        mu_input=bifurcation_input(law, seen.g[..., 0], seen.dbar, seen.dbar_dot),  # rho.g_j is g_j's x
+        mu_input=bifurcation_input(law, seen.g[:, [j_1, j_2], 0], seen.dbar, seen.dbar_dot),  # rho.g_j: its x
     )

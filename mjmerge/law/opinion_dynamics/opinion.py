@@ -26,8 +26,8 @@ def bifurcation_input(law: Law, rho_g: Array, dbar: Array, dbar_dot: Array) -> A
 
     Args:
         law: gains and variant.
-        rho_g: rho.g_1 and rho.g_2, (N, 2).
-        dbar: gap between the neighbours less r, m, (N,).
+        rho_g: rho.g_1 and rho.g_2, of the leader and the follower, (N, 2).
+        dbar: gap between these two less r, m, (N,).
         dbar_dot: its rate, m/s, (N,).
     """
     beside = rho_g[:, 0] * rho_g[:, 1]  # < 0 between the two

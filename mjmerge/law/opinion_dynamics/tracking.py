@@ -24,7 +24,7 @@ def weight(law: Law, z: Array) -> Array:
 
 
 def target(law: Law, w: Array) -> Array:
-    """e_1*, where the ego should be as seen from Vehicle 1, m, (N, 2)."""
+    """e_1*, where the ego should be as seen from the leader, m, (N, 2)."""
     return law.r_rho_m * RHO + (1 - w)[:, None] * (law.r_eta_m * ETA)
 
 
@@ -36,6 +36,6 @@ def track(law: Law, e_1: Array, e_1_star: Array, nu_1: Array, u_1: Array) -> Arr
         e_1: p - p_1, m, (N, 2).
         e_1_star: :func:`target`, m, (N, 2).
         nu_1: v - v_1, m/s, (N, 2).
-        u_1: acceleration of Vehicle 1, m/s^2, (N, 2).
+        u_1: acceleration of the leader, m/s^2, (N, 2).
     """
     return -law.k_p * (e_1 - e_1_star) - law.k_v * nu_1 + u_1

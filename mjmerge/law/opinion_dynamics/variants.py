@@ -29,7 +29,7 @@ class Part:
     Attributes:
         why: why it exists, in a line.
         consent: (x, beside, room, open) -> argument x of the tanh in (mu), each (N,).
-        approach: (law, d, d') -> what the barrier divides by, and what it divides, each (N, 2).
+        approach: (law, d, d') -> what the barrier divides by, and what it divides, each (N, C-1).
         least_z: law -> the smallest opinion, 1.
         leader: u_1 -> what the tracking takes for it, m/s^2, (N, 2).
     """

@@ -20,7 +20,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.contents import Found
-from mjmerge.record.manifest import SCHEMA_VERSION
+from mjmerge.record.manifest import SCHEMA_VERSIONS
 from mjmerge.record.mcap.file import McapFile, Message
 from mjmerge.state import NS_PER_S
 
@@ -137,8 +137,7 @@ class _Channels:
         self._topics: dict[int, str] = {}
         self._decoders: dict[int, Decode] = {}
         self._described: dict[int, Schema] = {}
-        ours = {topic: f"{schema.PACKAGE}.{message}" for topic, message in schema.kinds().items()}
-        self._kinds = _DRAWN | ours
+        self._ours = schema
 
     def add(self, record: Schema | Channel) -> None:
         """Takes note of a schema or a channel; what it cannot be is a flaw, and its messages are left."""
@@ -150,11 +149,13 @@ class _Channels:
             if described is None:
                 self._found.flaws.append(f"{record.topic[:80]} has no schema")
             return
-        wanted = self._kinds.get(record.topic)
-        if wanted is None:
+        message = self._ours.message_of(record.topic)
+        drawn = (_DRAWN[record.topic],) if record.topic in _DRAWN else ()
+        wanted = self._ours.names_of(message) if message else drawn
+        if not wanted:
             self._found.flaws.append(f"{record.topic[:80]!r} is no topic of a recording")
-        elif (record.message_encoding, described.encoding, described.name) != ("protobuf",) * 2 + (wanted,):
-            self._found.flaws.append(f"{record.topic} holds {described.name[:80]!r}, not {wanted}")
+        elif {record.message_encoding, described.encoding} != {"protobuf"} or described.name not in wanted:
+            self._found.flaws.append(f"{record.topic} holds {described.name[:80]!r}, not {wanted[-1]}")
         else:
             try:
                 decode = self._factory.decoder_for(record.message_encoding, described)
@@ -194,7 +195,6 @@ def gather_mcap(path: Path) -> Found:
     """
     from mjmerge.record import schema
 
-    kinds = schema.kinds()
     found, file = Found(), McapFile(path)
     channels = _Channels(found)
     rows: dict[str, tuple[list[int], list[Message]]] = defaultdict(lambda: ([], []))
@@ -217,7 +217,7 @@ def gather_mcap(path: Path) -> Found:
                 if record.time_ns != record.published_ns or record.time_ns > _LATEST_NS:
                     found.flaws.append(f"{topic} has a message of the time {record.time_ns} ns")
                     continue
-                if topic in kinds:
+                if schema.message_of(topic):
                     rows[topic][0].append(record.time_ns)
                     rows[topic][1].append(record)
                 else:
@@ -226,8 +226,8 @@ def gather_mcap(path: Path) -> Found:
     found.flaws += file.flaws
     if "manifest.json" in found.texts:
         found.manifest = content.manifest_of(found.texts["manifest.json"])
-    if found.schema_version == SCHEMA_VERSION:
-        _number(found, rows, kinds, channels)
+    if found.schema_version in SCHEMA_VERSIONS:
+        _number(found, rows, channels)
     return found
 
 
@@ -271,17 +271,18 @@ def _say(found: Found, topic: str, message: Message, channels: _Channels) -> Non
 def _number(
     found: Found,
     rows: dict[str, tuple[list[int], list[Message]]],
-    kinds: dict[str, str],
     channels: _Channels,
 ) -> None:
     """Turns the messages that hold our numbers into series."""
     from mjmerge.record import schema
 
     step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
+    wire = schema.Wire(content.roster_of(found.manifest))
     for topic, (times, messages) in rows.items():
-        values = schema.layout(kinds[topic]).decode([m.data for m in messages])
+        kind = schema.message_of(topic) or ""
+        values = wire.layout(kind).decode([m.data for m in messages])
         if values is None:
-            leaves = attrgetter(*_leaves(schema.MESSAGES[kinds[topic]]))
+            leaves = attrgetter(*_leaves(wire.messages[kind]))
             try:
                 if len(messages) > _MOST_FOREIGN:
                     raise DecodeError

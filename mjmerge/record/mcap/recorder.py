@@ -42,10 +42,12 @@ class McapRecorder:
         self._writer = foxglove.open_mcap(path, context=self._context, writer_options=options)
         self._layouts = {"/tf": _transforms_layout(scene)}
         self._channels = {"/tf": self._channel("/tf", fox.FrameTransforms.get_schema())}
-        descriptors = schema.descriptor_set()
-        self._kinds = schema.kinds(told=header.told)
+        there = header.scenario.roster
+        self._wire = schema.Wire(there)
+        descriptors = self._wire.descriptor_set()
+        self._kinds = self._wire.kinds(told=header.told)
         for topic, message in self._kinds.items():
-            self._layouts[topic] = schema.layout(message)
+            self._layouts[topic] = self._wire.layout(message)
             name = f"{schema.PACKAGE}.{message}"
             described = foxglove.Schema(name=name, encoding="protobuf", data=descriptors)
             self._channels[topic] = self._channel(topic, described)
@@ -60,7 +62,7 @@ class McapRecorder:
         self._writer.write_metadata("mjmerge", {"schema_version": str(SCHEMA_VERSION)} | run | CONVENTIONS)
         self._writer.write_metadata("versions", dict(header.versions))
         self._attach("foxglove.json", "application/json", foxglove_layout.text(header.scenario, scene.paint))
-        self._drawing, self._near = scene, [0, 0]
+        self._drawing, self._near = scene, [0] * len(there.neighbours)
         self._scene = SceneUpdateChannel("/scene", context=self._context)
         self._scene.log(_scene_update(scene), log_time=0)
 
@@ -70,7 +72,7 @@ class McapRecorder:
         poses = np.concatenate([posed.pos_m, np.roll(posed.quat, -1, axis=-1)], axis=-1)  # x y z w
         self._send("/tf", poses.reshape(len(poses), 7 * poses.shape[1]), posed.time_ns[posed.drawn])
         for topic in self._kinds:
-            self._send(topic, schema.rows(posed.block, topic), posed.time_ns)
+            self._send(topic, self._wire.rows(posed.block, topic), posed.time_ns)
         self._writer.flush()
 
     def _send(self, topic: str, rows: Array, time_ns: NDArray[np.int64]) -> None:

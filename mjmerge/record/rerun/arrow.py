@@ -1,12 +1,13 @@
 """Blocks as Arrow arrays, the way Rerun wants them, without a Python object per number.
 
 Our messages become one struct per tick, with the nesting of the protobuf: ``/law`` holds
-``mjmerge.v1.LawState:message``, which is also what Rerun makes of the MCAP. Everything else is an array of
+``mjmerge.v2.LawState:message``, which is also what Rerun makes of the MCAP. Everything else is an array of
 vectors, nested as its archetype says. Rerun's own conversions take ten times as long.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache
 from typing import Any
 
@@ -16,6 +17,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mjmerge.record import schema
+from mjmerge.record.schema import Wire
 from mjmerge.state import Array
 
 
@@ -64,23 +66,28 @@ def component(message: str) -> str:
     return f"{schema.PACKAGE}.{message}:message"
 
 
-def structs(message: str, rows: Array) -> list[Ready]:
-    """A message per row; ``rows`` are (B, doubles), in the order of ``schema.layout``."""
-    record_schema, head = _head(message, len(rows))
+def component_in(names: Collection[str], message: str) -> str | None:
+    """What it is called among a file's columns, in any version that is read; ``None`` if it is not there."""
+    return next((c for n in schema.names_of(message) if (c := f"{n}:message") in names), None)
+
+
+def structs(wire: Wire, message: str, rows: Array) -> list[Ready]:
+    """A message per row; ``rows`` are (B, doubles), in the order of its layout."""
+    record_schema, head = _head(wire, message, len(rows))
     body = np.ascontiguousarray(rows.T).tobytes()
     batch = pa.ipc.read_record_batch(pa.py_buffer(head + body), record_schema)
     descriptor = rr.ComponentDescriptor(component(message), archetype=f"{schema.PACKAGE}.{message}")
     return [Ready(descriptor, batch.column(0))]
 
 
-def numbers(values: pa.Array, message: str) -> Array:
-    """The way back: all doubles of the messages, (B, doubles), in the order of ``schema.layout``.
+def numbers(wire: Wire, values: pa.Array, message: str) -> Array:
+    """The way back: all doubles of the messages, (B, doubles), in the order of its layout.
 
     Raises:
         ValueError: the array is damaged, or does not hold one such message per row.
     """
     values.validate(full=True)  # of a damaged file it may point anywhere
-    if not pa.types.is_list(values.type) or values.type.value_type != _type(message):
+    if not pa.types.is_list(values.type) or values.type.value_type != _type(wire, message):
         raise ValueError(f"no column of {message}")
     if values.null_count or len(values.flatten()) != len(values) or (np.diff(values.offsets) != 1).any():
         raise ValueError(f"not one {message} per row")
@@ -97,13 +104,13 @@ def numbers(values: pa.Array, message: str) -> Array:
     return np.stack(leaves, axis=-1)
 
 
-def _type(message: str) -> pa.DataType:
-    fields = schema.MESSAGES[message]
-    return pa.struct([(f.name, _type(f.type_name) if f.axes else pa.float64()) for f in fields])
+def _type(wire: Wire, message: str) -> pa.DataType:
+    fields = wire.messages[message]
+    return pa.struct([(f.name, _type(wire, f.type_name) if f.axes else pa.float64()) for f in fields])
 
 
 @cache
-def _head(message: str, count: int) -> tuple[pa.Schema, bytes]:
+def _head(wire: Wire, message: str, count: int) -> tuple[pa.Schema, bytes]:
     """How Arrow writes ``count`` messages, up to where the doubles follow, one after the other."""
 
     def zeros(kind: pa.DataType) -> pa.Array:
@@ -112,7 +119,7 @@ def _head(message: str, count: int) -> tuple[pa.Schema, bytes]:
         return pa.StructArray.from_arrays([zeros(f.type) for f in kind], fields=list(kind))
 
     ends = pa.array(np.arange(count + 1, dtype=np.int32))
-    lists = pa.ListArray.from_arrays(ends, zeros(_type(message)))
+    lists = pa.ListArray.from_arrays(ends, zeros(_type(wire, message)))
     batch = pa.RecordBatch.from_arrays([lists], names=[message])
-    doubles = schema.layout(message).doubles
+    doubles = wire.layout(message).doubles
     return batch.schema, batch.serialize().to_pybytes()[: -8 * doubles * count]

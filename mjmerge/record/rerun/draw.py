@@ -19,7 +19,7 @@ from mjmerge.record.recording import Header, PosedBlock
 from mjmerge.record.rerun import arrow, layout
 from mjmerge.record.rerun.arrow import Template
 from mjmerge.record.scene import DISC_RGBA, Scene, Shape
-from mjmerge.roster import CARS
+from mjmerge.roster import Roster
 from mjmerge.state import Array
 from mjmerge.verdict import phases
 
@@ -36,18 +36,22 @@ _ARROW = Template(rr.Arrows3D.columns(vectors=_POINT))
 _CYLINDER_COLOR = Template(rr.Cylinders3D.columns(colors=[0]))
 
 
-def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, *, told: bool, root: str = "") -> None:
+def send_numbers(
+    stream: rr.RecordingStream, posed: PosedBlock, there: Roster, *, told: bool, root: str = ""
+) -> None:
     """Sends every column at consecutive ticks.
 
     Args:
         stream: where to.
         posed: the ticks.
+        there: who is in it.
         told: whether what the ego was told is not the truth, and sent, too.
         root: where the topics go.
     """
     times = times_of(posed.time_ns)
-    for topic, message in schema.kinds(told=told).items():
-        numbers: Any = arrow.structs(message, schema.rows(posed.block, topic))
+    wire = schema.Wire(there)
+    for topic, message in wire.kinds(told=told).items():
+        numbers: Any = arrow.structs(wire, message, wire.rows(posed.block, topic))
         stream.send_columns(root + topic, times, numbers)
 
 
@@ -96,8 +100,8 @@ def send_discs(
         stream: where to.
         scene: whose discs.
         time_ns: times, ns, (D,).
-        near: how close the ego is then, see ``closeness``, (D, 2).
-        before: how close it was before, (2,).
+        near: how close the ego is then, see ``closeness``, (D, C-1).
+        before: how close it was before, (C-1,).
         timeline: of the times.
     """
     for frame in scene.frames:
@@ -124,9 +128,10 @@ def send_trails(
         front_m: where the front axles are then, (B, C, 2).
         last_m: where they were before, (1, C, 2).
     """
-    path = np.zeros((len(front_m) + 1, len(CARS), 3))
+    cars = front_m.shape[1]
+    path = np.zeros((len(front_m) + 1, cars, 3))
     path[..., :2] = np.concatenate([last_m, front_m])
-    path[..., 2] = [_TRAIL_R * scene.r_m * height for height in (3, 2, 1)]  # the ego's on top
+    path[..., 2] = [_TRAIL_R * scene.r_m * height for height in range(cars, 0, -1)]  # the ego's on top
     bits: Any = _STRIP.fill(np.stack([path[:-1], path[1:]], axis=2))
     stream.send_columns("/world/trails", times, bits)
 
@@ -201,7 +206,7 @@ def still_life(header: Header, scene: Scene) -> Still:
     still: Still = [("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *still_frames(scene, layout.entity)]
     for name, text in (("scenario", header.scenario_yaml), ("world", header.world_xml)):
         still.append((f"/run/{name}", rr.TextDocument(text, media_type=rr.MediaType.TEXT)))
-    colors = [scene.paint[car] for car in CARS]
+    colors = [scene.paint[car] for car in scene.cars]
     still.append(("/world/trails", rr.LineStrips3D.from_fields(colors=colors, radii=[_TRAIL_R * r_m])))
     levels = still_levels(plots.everything(header.scenario, scene.paint))
     return [*still, *still_arrows(scene), *still_states(), *levels]

@@ -100,7 +100,7 @@ def world_view(name: str, scenario: Scenario, camera: str = "camera/ego") -> rrb
         "From above": ((0.0, 0.0, 6.5), (0, 1, 0)),
     }[name]
     r_m = scenario.law.r_m
-    middle_m = (scenario.initial.ego.front_m[1] + scenario.initial.vehicle_1.front_m[1]) / 2
+    middle_m = (scenario.initial.ego.front_m[1] + scenario.starts[1 + scenario.law.j_1].front_m[1]) / 2
     trail = rrb.VisibleTimeRange(
         SIM_TIME,
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_TRAIL_S),

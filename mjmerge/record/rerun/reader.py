@@ -20,7 +20,7 @@ from mjmerge.config.bounds import patience_s
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.contents import Found, Ticks
-from mjmerge.record.manifest import SCHEMA_VERSION
+from mjmerge.record.manifest import SCHEMA_VERSIONS
 from mjmerge.record.mcap.file import TooLargeError
 from mjmerge.record.rerun.file import whole_frames
 from mjmerge.state import NS_PER_S, Array
@@ -33,6 +33,8 @@ _PATIENCE_S, _BYTES_PER_S = 6.0, 10e6
 """What Rerun's reader gets for a file, and how fast it is at least; it needs a tenth of that."""
 _MEMORY_BYTES = 4 * 2**30
 """Address space of the process that tries first; Rerun reserves much and uses little."""
+_ODD = (ValueError, TypeError, KeyError, IndexError, AttributeError)  # Arrow's are among them
+_NOT_OURS = "holds something else than a recording has there"
 _LEVELS = {"INFO": "info", "WARN": "warning", "ERROR": "error"}
 _ATTEMPT = """
 import contextlib, resource, sys
@@ -102,17 +104,16 @@ def gather_rrd(path: Path) -> Found:
     from mjmerge.record import schema
     from mjmerge.record.rerun import arrow, layout
 
-    messages = schema.kinds()
     subjects = {layout.phase_entity(subject): subject for subject in NAMES}
     texts = {"/run/scenario": "scenario.yaml", "/run/world": "world.xml"}
     found = Found()
-    parts: dict[str, list[tuple[Ticks, Array]]] = defaultdict(list)
+    parts: dict[str, list[tuple[Ticks, pa.Array]]] = defaultdict(list)
     for entity, batch in _batches(path, found):
         names = set(batch.schema.names)
+        message = schema.message_of(entity)
         try:
-            if entity in messages and arrow.component(messages[entity]) in names:
-                values = arrow.numbers(batch[arrow.component(messages[entity])], messages[entity])
-                parts[entity].append((time_ns_of(batch), values))
+            if message and (component := arrow.component_in(names, message)):
+                parts[entity].append((time_ns_of(batch), batch[component]))
             elif entity.endswith(schema.LAW_TOPIC):
                 found.flaws.append("it shows several runs side by side; take their own recordings")
             elif entity in texts and "TextDocument:text" in names:
@@ -135,27 +136,32 @@ def gather_rrd(path: Path) -> Found:
                 found.states += [(int(t), subjects[entity], s.as_py()[0] or ENDED) for t, s in changes]
         except ContentError:
             raise
-        except (
-            ValueError,
-            TypeError,
-            KeyError,
-            IndexError,
-            AttributeError,
-        ) as error:  # Arrow's are among them
-            del error
-            found.flaws.append(f"{entity} holds something else than a recording has there")
+        except _ODD:
+            found.flaws.append(f"{entity} {_NOT_OURS}")
     if "manifest.json" in found.texts:
         found.manifest = content.manifest_of(found.texts["manifest.json"])
     _number(found, parts)
     return found
 
 
-def _number(found: Found, parts: dict[str, list[tuple[Ticks, Array]]]) -> None:
+def _number(found: Found, parts: dict[str, list[tuple[Ticks, pa.Array]]]) -> None:
     """Puts the parts of each series together."""
-    if found.schema_version != SCHEMA_VERSION:
+    from mjmerge.record import schema
+    from mjmerge.record.rerun import arrow
+
+    if found.schema_version not in SCHEMA_VERSIONS:
         return
+    wire = schema.Wire(content.roster_of(found.manifest))
     step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
-    for entity, some in parts.items():
+    for entity, raw in parts.items():
+        some: list[tuple[Ticks, Array]] = []
+        for times, values in raw:
+            try:
+                some.append((times, arrow.numbers(wire, values, schema.message_of(entity) or "")))
+            except _ODD:
+                found.flaws.append(f"{entity} {_NOT_OURS}")
+        if not some:
+            continue
         time_ns = np.concatenate([part[0] for part in some])
         numbers = np.concatenate([part[1] for part in some])
         order = np.argsort(time_ns, kind="stable")  # chunks come in any order

@@ -39,7 +39,6 @@ from mjmerge.record.rerun.draw import (
 )
 from mjmerge.record.rerun.stream import new_stream, save, send_layout
 from mjmerge.record.scene import Scene, closeness
-from mjmerge.roster import CARS
 from mjmerge.simulation.log import BLOCK_S
 from mjmerge.state import Array, nanoseconds
 from mjmerge.verdict.metrics import Event
@@ -170,7 +169,7 @@ class Teller:
         rr.set_strict_mode(True)  # otherwise data that does not fit is dropped with a warning
         self._stream, self._header, self._scene = stream, header, scene
         self._last_m: Array | None = None
-        self._near = np.full(len(CARS) - 1, -1)
+        self._near = np.full(len(header.scenario.roster.neighbours), -1)
         self._plots = plots.everything(header.scenario, scene.paint)
         self._describe()
         for entity, what in still:
@@ -197,7 +196,7 @@ class Teller:
 
     def numbers(self, posed: PosedBlock) -> None:
         """Adds every column at consecutive ticks."""
-        send_numbers(self._stream, posed, told=self._header.told)
+        send_numbers(self._stream, posed, self._header.scenario.roster, told=self._header.told)
 
     def draw(self, posed: PosedBlock) -> None:
         """Adds what is drawn of consecutive ticks, and what plots are read against."""

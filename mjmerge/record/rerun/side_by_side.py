@@ -24,7 +24,6 @@ from mjmerge.record.rerun.draw import send_frames, send_levels, send_numbers, st
 from mjmerge.record.rerun.recorder import CHUNK_TICKS
 from mjmerge.record.rerun.stream import new_stream, save
 from mjmerge.record.scene import TARGET, Scene
-from mjmerge.roster import NEIGHBOURS
 from mjmerge.verdict.metrics import MERGED_M
 
 APPLICATION = "mjmerge_compare"
@@ -142,7 +141,9 @@ def _tell(stream: rr.RecordingStream, told: _Told) -> None:
             columns={name: values[part] for name, values in posed.block.columns.items()},
         )
         chunk = replace(posed, block=block, time_ns=posed.time_ns[part])
-        send_numbers(stream, chunk, told=told.side.header.told, root=f"/{told.name}")
+        send_numbers(
+            stream, chunk, told.side.header.scenario.roster, told=told.side.header.told, root=f"/{told.name}"
+        )
 
 
 def _plots(told: Sequence[_Told]) -> list[Plot]:
@@ -183,7 +184,8 @@ def _report(sides: Sequence[Side]) -> str:
         ("seed", [str(side.header.seed) for side in sides]),
         ("verdict", [side.outcome.verdict if side.outcome else "did not finish" for side in sides]),
     ]
-    for j, car in enumerate(NEIGHBOURS):
+    fewest = min((side.header.scenario.roster for side in sides), key=lambda there: len(there.cars))
+    for j, car in enumerate(fewest.neighbours):
         least = [float(np.nanmin(side.posed.block.columns["distance_m"][:, j])) for side in sides]
         rows.append((f"min d_{j + 1} ({car.replace('_', ' ')})", [f"{d:.4f} m" for d in least]))
     for key, name, unit in (
