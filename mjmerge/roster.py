@@ -77,7 +77,7 @@ def in_order(names: Iterable[str]) -> tuple[str, ...]:
     return (EGO, *sorted(slots, key=slots.__getitem__))
 
 
-CARS, NEIGHBOURS, PAIRS = "cars", "neighbours", "pairs"
+PER_CAR, PER_NEIGHBOUR, PER_PAIR = "cars", "neighbours", "pairs"
 """Axes that are as long as the roster says."""
 Axis = str | tuple[str, ...]
 """One of these, or the names along an axis that is the same for every roster."""
@@ -85,7 +85,7 @@ Axis = str | tuple[str, ...]
 
 def along(axes: tuple[Axis, ...], there: Roster) -> tuple[tuple[str, ...], ...]:
     """The names along some axes, for the cars that are there."""
-    named = {CARS: there.cars, NEIGHBOURS: there.neighbours, PAIRS: there.pair_names}
+    named = {PER_CAR: there.cars, PER_NEIGHBOUR: there.neighbours, PER_PAIR: there.pair_names}
     return tuple(named[axis] if isinstance(axis, str) else axis for axis in axes)
 
 

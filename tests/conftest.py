@@ -46,13 +46,14 @@ def written(request: pytest.FixtureRequest) -> Callable[[Path, str], None]:
 @pytest.fixture
 def make_trace() -> Callable:
     """Builds a trace from a few columns, (N, T, ...); the others are NaN."""
+    from mjmerge.roster import roster
     from mjmerge.scenario.cars import believed_sheets
     from mjmerge.scenario.load import load
     from mjmerge.simulation.trace import COLUMNS, Trace
 
     def build(ticks=40, runs=1, overrides=(), plant="mujoco", stops=(), continuous=False, **given):
         scenario = load("paper", ["control_step_s=0.01", *overrides])
-        columns = {c.name: np.full((runs, ticks, *c.shape), np.nan) for c in COLUMNS}
+        columns = {c.name: np.full((runs, ticks, *c.shape(roster())), np.nan) for c in COLUMNS}
         for name, value in given.items():
             columns[name][:] = value
         return Trace(

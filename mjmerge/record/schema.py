@@ -19,7 +19,19 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorP
 
 from mjmerge.record.manifest import SCHEMA_VERSION, SCHEMA_VERSIONS
 from mjmerge.record.mcap.wire import Layout
-from mjmerge.roster import CARS, EGO, NEIGHBOURS, PAIRS, WHEELS, XY, Axis, Roster, along, roster, slot
+from mjmerge.roster import (
+    EGO,
+    PER_CAR,
+    PER_NEIGHBOUR,
+    PER_PAIR,
+    WHEELS,
+    XY,
+    Axis,
+    Roster,
+    along,
+    roster,
+    slot,
+)
 from mjmerge.simulation.log import Block
 from mjmerge.simulation.trace import COLUMNS, Column
 from mjmerge.state import Array
@@ -28,16 +40,16 @@ LAW_MESSAGE, CAR_MESSAGE, TOLD_MESSAGE = "LawState", "CarState", "ToldState"
 LAW_TOPIC, TOLD_TOPIC = "/law", "/told"
 _CAR_TOPIC = "/car/"
 
-LAW_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] != (CARS,) and not c.told)
-CAR_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] == (CARS,) and not c.told)
+LAW_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] != (PER_CAR,) and not c.told)
+CAR_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] == (PER_CAR,) and not c.told)
 TOLD_COLUMNS = tuple(c for c in COLUMNS if c.told)
 """Of what the ego was told, where that was not the truth."""
 _GROUPS: dict[tuple[Axis, ...], str] = {
-    (NEIGHBOURS,): "Neighbours",
-    (PAIRS,): "Pairs",
+    (PER_NEIGHBOUR,): "Neighbours",
+    (PER_PAIR,): "Pairs",
     (WHEELS,): "Wheels",
     (XY,): "Vector2",
-    (CARS, XY): "CarVectors",
+    (PER_CAR, XY): "CarVectors",
 }
 
 

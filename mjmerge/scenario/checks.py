@@ -16,7 +16,7 @@ from mjmerge.config.bounds import MOST_METRICS, MOST_ROWS, MOST_TICKS
 from mjmerge.drivers import ahead, ask, kinds
 from mjmerge.errors import Problem, nearest
 from mjmerge.law.opinion_dynamics.parameters import Law
-from mjmerge.roster import Roster, roster, slot
+from mjmerge.roster import neighbour, roster
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Check, Drivers, Expect, Initial, Models
 from mjmerge.vehicle.datasheet import DataSheet
@@ -62,11 +62,11 @@ def _variant(law: Law) -> Iterator[Problem]:
 
 def _distances(initial: Initial, law: Law) -> Iterator[Problem]:
     """The barrier's hypothesis d_j(0) > 0 holds for every neighbour."""
-    for neighbour in initial.roster.neighbours:
-        apart = dist(initial.ego.front_m, getattr(initial, neighbour).front_m)
+    for car in initial.roster.neighbours:
+        apart = dist(initial.ego.front_m, getattr(initial, car).front_m)
         if apart <= law.r_m:
             yield Problem(
-                f"the ego starts {apart:g} m from {neighbour}, front axle to front axle; it must be more "
+                f"the ego starts {apart:g} m from {car}, front axle to front axle; it must be more "
                 f"than r_m = {law.r_m} m; move the ego away",
                 "initial.ego.front_m",
             )
@@ -207,24 +207,35 @@ def _ahead(
             yield from _leads(drivers, car)
 
 
-def _roster(initial: Initial, drivers: Drivers, models: Models) -> Iterator[Problem]:
-    """The neighbours are numbered without a hole, each has a driver, and nobody else has one, or a model."""
-    there: Roster = initial.roster
-    for j, car in enumerate(there.neighbours):
-        if slot(car) != j:
-            yield Problem(
-                f"there is no {roster(j + 1).cars[-1]}: neighbours are numbered on", f"initial.{car}"
-            )
-            break
-    for car in initial.further.keys() - drivers.further.keys():
+def _numbers(initial: Initial) -> Iterator[Problem]:
+    """The neighbours are numbered without a hole."""
+    for j, car in enumerate(initial.roster.neighbours):
+        if car != neighbour(j):
+            yield Problem(f"there is no {neighbour(j)}: neighbours are numbered on", f"initial.{car}")
+            return
+
+
+def _driven(initial: Initial, drivers: Drivers) -> Iterator[Problem]:
+    """Each neighbour has a driver, and nobody else has one."""
+    for car in (c for c in initial.further if c not in drivers.further):
         yield Problem(f"missing; {car} stands under initial, and nobody drives it", f"drivers.{car}")
-    for key, section in (("drivers", drivers), ("models", models)):
-        for car in section.further.keys() - initial.further.keys():
-            yield Problem(f"there is no {car} under initial: nobody knows where it starts", f"{key}.{car}")
+    yield from _nowhere(initial, drivers, "drivers")
+
+
+def _modelled(initial: Initial, models: Models) -> Iterator[Problem]:
+    """Nobody else has a model."""
+    yield from _nowhere(initial, models, "models")
+
+
+def _nowhere(initial: Initial, section: Drivers | Models, key: str) -> Iterator[Problem]:
+    for car in (c for c in section.further if c not in initial.further):
+        yield Problem(f"there is no {car} under initial: nobody knows where it starts", f"{key}.{car}")
 
 
 _CHECKS = (
-    _roster,
+    _numbers,
+    _driven,
+    _modelled,
     _steps,
     _variant,
     _distances,

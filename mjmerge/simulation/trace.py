@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mjmerge.config.document import described
 from mjmerge.errors import MjmergeError
-from mjmerge.roster import CARS, NEIGHBOURS, PAIRS, WHEELS, XY, Axis, Roster, along
+from mjmerge.roster import PER_CAR, PER_NEIGHBOUR, PER_PAIR, WHEELS, XY, Axis, Roster, along
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Mask
@@ -112,14 +112,16 @@ class Trace:
     mu: Annotated[Array, Meaning("mu", "bifurcation parameter")]
     mu_input_per_s: Annotated[Array, Meaning("mu input", "what drives mu, k_s tanh(...)")]
     weight: Annotated[Array, Meaning("w", "weight of the merge in the target, tanh(k_w z)")]
-    distance_m: Annotated[Array, Meaning("d_j", "distance of the front axles less r", NEIGHBOURS)]
-    distance_rate_mps: Annotated[Array, Meaning("d_j'", "rate of that distance", NEIGHBOURS)]
-    sensed_distance_m: Annotated[Array, Meaning("d_j seen", "the same as the ego is told", NEIGHBOURS)]
+    distance_m: Annotated[Array, Meaning("d_j", "distance of the front axles less r", PER_NEIGHBOUR)]
+    distance_rate_mps: Annotated[Array, Meaning("d_j'", "rate of that distance", PER_NEIGHBOUR)]
+    sensed_distance_m: Annotated[Array, Meaning("d_j seen", "the same as the ego is told", PER_NEIGHBOUR)]
     sensed_distance_rate_mps: Annotated[
-        Array, Meaning("d_j' seen", "its rate as the ego is told", NEIGHBOURS)
+        Array, Meaning("d_j' seen", "its rate as the ego is told", PER_NEIGHBOUR)
     ]
-    sensed_front_m: Annotated[Array, Told("p seen", "front-axle centres as the ego is told them", CARS, XY)]
-    sensed_velocity_mps: Annotated[Array, Told("v seen", "likewise their velocities", CARS, XY)]
+    sensed_front_m: Annotated[
+        Array, Told("p seen", "front-axle centres as the ego is told them", PER_CAR, XY)
+    ]
+    sensed_velocity_mps: Annotated[Array, Told("v seen", "likewise their velocities", PER_CAR, XY)]
     sensed_heading_rad: Annotated[Array, Told("theta seen", "likewise its own heading")]
     sensed_speed_mps: Annotated[Array, Told("v_r seen", "likewise its own rear-axle speed")]
     sensed_steer_rad: Annotated[Array, Told("delta seen", "likewise its own steering angle")]
@@ -128,29 +130,31 @@ class Trace:
     ]
     gap_m: Annotated[Array, Meaning("dbar", "gap between leader and follower, |p_2 - p_1| - r")]
     gap_rate_mps: Annotated[Array, Meaning("dbar'", "rate of that gap")]
-    clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PAIRS)]
+    clearance_m: Annotated[Array, Meaning("clearance", "distance between the bodies", PER_PAIR)]
     contact_impulse_n_s: Annotated[
         Array,
-        Meaning("impulse", "of the contact between the bodies, over the tick that ends here", PAIRS),
+        Meaning("impulse", "of the contact between the bodies, over the tick that ends here", PER_PAIR),
     ]
     contact_speed_mps: Annotated[
-        Array, Meaning("impact", "how fast they moved against each other as that tick began", PAIRS)
+        Array, Meaning("impact", "how fast they moved against each other as that tick began", PER_PAIR)
     ]
     target_m: Annotated[Array, Meaning("p_1 + e_1*", "where the nominal law wants the ego", XY)]
     u_n_mps2: Annotated[Array, Meaning("u_n", "nominal tracking command of the ego", XY)]
     u_c_mps2: Annotated[Array, Meaning("u_c", "barrier command of the ego", XY)]
-    u_mps2: Annotated[Array, Meaning("u", "front-axle acceleration command", CARS, XY)]
-    front_m: Annotated[Array, Meaning("p", "front-axle centre", CARS, XY)]
-    velocity_mps: Annotated[Array, Meaning("v", "velocity of the front-axle centre", CARS, XY)]
-    heading_rad: Annotated[Array, Meaning("theta", "heading, from the road's direction to the left", CARS)]
-    speed_mps: Annotated[Array, Meaning("v_r", "rear-axle speed", CARS)]
-    steer_rad: Annotated[Array, Meaning("delta", "steering angle of the equivalent bicycle", CARS)]
-    a_mps2: Annotated[Array, Meaning("a", "rear-axle acceleration command, before limits", CARS)]
-    omega_radps: Annotated[Array, Meaning("omega", "steering rate command, before limits", CARS)]
-    steer_command_rad: Annotated[Array, Meaning("delta_cmd", "steering angle command, within limits", CARS)]
-    torque_n_m: Annotated[Array, Meaning("tau", "wheel torque command, within limits", CARS, WHEELS)]
-    torque_clipped_n_m: Annotated[Array, Meaning("tau clipped", "torque asked for and not given", CARS)]
-    steer_clipped_rad: Annotated[Array, Meaning("delta clipped", "steering asked for and not given", CARS)]
+    u_mps2: Annotated[Array, Meaning("u", "front-axle acceleration command", PER_CAR, XY)]
+    front_m: Annotated[Array, Meaning("p", "front-axle centre", PER_CAR, XY)]
+    velocity_mps: Annotated[Array, Meaning("v", "velocity of the front-axle centre", PER_CAR, XY)]
+    heading_rad: Annotated[Array, Meaning("theta", "heading, from the road's direction to the left", PER_CAR)]
+    speed_mps: Annotated[Array, Meaning("v_r", "rear-axle speed", PER_CAR)]
+    steer_rad: Annotated[Array, Meaning("delta", "steering angle of the equivalent bicycle", PER_CAR)]
+    a_mps2: Annotated[Array, Meaning("a", "rear-axle acceleration command, before limits", PER_CAR)]
+    omega_radps: Annotated[Array, Meaning("omega", "steering rate command, before limits", PER_CAR)]
+    steer_command_rad: Annotated[
+        Array, Meaning("delta_cmd", "steering angle command, within limits", PER_CAR)
+    ]
+    torque_n_m: Annotated[Array, Meaning("tau", "wheel torque command, within limits", PER_CAR, WHEELS)]
+    torque_clipped_n_m: Annotated[Array, Meaning("tau clipped", "torque asked for and not given", PER_CAR)]
+    steer_clipped_rad: Annotated[Array, Meaning("delta clipped", "steering asked for and not given", PER_CAR)]
 
     @property
     def roster(self) -> Roster:

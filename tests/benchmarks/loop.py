@@ -16,8 +16,10 @@ from rich.console import Console
 from rich.table import Table
 
 import mjmerge
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.world.compose import build
+
+CARS = roster().cars
 
 REPEATS = 5
 

@@ -23,12 +23,14 @@ from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
 
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.sweep.campaign import plan
 from mjmerge.sweep.plan import Plan
 from mjmerge.sweep.sweep import sweep
 from mjmerge.world.compose import build
 from mjmerge.world.model import World
+
+CARS = roster().cars
 
 RUNS, PROCESSES = 256, 2
 DURATION_S = float(sys.argv[1]) if len(sys.argv) > 1 else 12.0

@@ -129,5 +129,4 @@ def test_charge_breaks_where_physics_says_so(fault):
 def test_physics_costs_charge_less_than_3_cm_on_grippy_ground():
     known = baseline.read(shipped.folder("scenarios") / "baselines" / "charge.csv")
     ideal, real = known["ideal"][0], known["grippy"][0]
-    assert real.min_d_1_m == pytest.approx(ideal.min_d_1_m, abs=0.03)
-    assert real.min_d_2_m == pytest.approx(ideal.min_d_2_m, abs=0.03)
+    assert real.min_d_m == pytest.approx(ideal.min_d_m, abs=0.03)

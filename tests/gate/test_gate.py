@@ -110,7 +110,7 @@ def test_no_floor_excuses_an_unsafe_run(folder):
     write(folder, ROWS.replace("0.19", "-5"), ("law: ", "law:\n  k_o: 0   #"))
     check(folder, "--update")
     ideal = results(folder)["ideal"]
-    assert ideal.measured.min_d_2_m < 0
+    assert ideal.measured.min_d_m[1] < 0
     assert any("assumption broken" in p or "unsafe" in p for p in ideal.problems)
 
 
@@ -139,8 +139,7 @@ def test_rows_run_together_come_to_what_they_come_to_alone(folder):
     together = results(folder)
     for row in gate.rows([folder]):
         (alone,) = gate.run([row])
-        assert alone.measured.min_d_1_m == together[row.check.name].measured.min_d_1_m
-        assert alone.measured.min_d_2_m == together[row.check.name].measured.min_d_2_m
+        assert alone.measured.min_d_m == together[row.check.name].measured.min_d_m
 
 
 def test_only_picks_rows_and_update_leaves_the_others(folder, capsys):

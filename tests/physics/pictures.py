@@ -16,10 +16,12 @@ from mjmerge.config import shipped
 from mjmerge.figures.style import save, sheet
 from mjmerge.proving.identify import identify
 from mjmerge.proving.report import cornering, handling, longitudinal, markdown, steering
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.world.checks.parts import STEERED
 from mjmerge.world.compose import compose
 from tests.physics.crossmodel import LOADED, MANOEUVRES, Comparison, compare
+
+CARS = roster().cars
 
 DOCS = Path(__file__).parents[2] / "docs"
 VIEWS = {"front": (140.0, -24.0), "rear": (-40.0, -28.0)}

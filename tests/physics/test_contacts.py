@@ -5,13 +5,15 @@ import numpy as np
 import pytest
 
 from mjmerge.plant import make
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.load import load
 from mjmerge.simulation.loop import simulate
 from mjmerge.state import Controls
 from mjmerge.verdict.metrics import clear_ticks_without_margin, events, touching_ticks_in_margin
 from mjmerge.world.compose import build
+
+CARS = roster().cars
 
 SHEET = data_sheet("rc")
 APART = 0.05

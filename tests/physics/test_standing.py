@@ -7,7 +7,7 @@ import pytest
 
 from mjmerge.plant import make
 from mjmerge.proving.ground import TICK_S, drive
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
@@ -15,6 +15,8 @@ from mjmerge.simulation.loop import simulate
 from mjmerge.state import G_MPS2
 from mjmerge.vehicle.actuation import CRAWL_MPS, BelievedCars, command
 from mjmerge.world.compose import build, single
+
+CARS = roster().cars
 
 GRADES = np.array([0, 0.1, -0.1, 0.2, -0.2, 0, 0, 0.15])
 BANKS = np.array([0, 0, 0, 0, 0, 0.2, -0.2, 0.15])

@@ -8,12 +8,15 @@ import pytest
 
 from mjmerge import plant as plants
 from mjmerge.errors import UnknownNameError
-from mjmerge.roster import CARS, PAIRS
+from mjmerge.roster import roster
 from mjmerge.scenario.load import load
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import Controls
 from mjmerge.world.compose import build
+
+CARS = roster().cars
+PAIRS = roster().pairs
 
 every_plant = pytest.mark.parametrize("name", sorted(plants.PLANTS))
 # restless, so that half a second holds several flips

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from mjmerge.record import Header, versions
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.log import Block
 from mjmerge.simulation.trace import COLUMNS, the_truth
+
+CARS = roster().cars
 
 _CAR = """
 <body name="{car}/" pos="0 {y} 0.05">
@@ -87,12 +89,12 @@ def make_blocks(header: Header) -> MakeBlocks:
         count, odd = sum(sizes), [np.nan, np.inf, -0.0, 5e-324, 1e300]
         columns = {}
         for c in COLUMNS:
-            values = rng.normal(size=(count, *c.shape))
+            values = rng.normal(size=(count, *c.shape(roster())))
             values[rng.random(values.shape) < 0.2] = rng.choice(odd)
             columns[c.name] = values
         for name in ("front_m", "heading_rad", "target_m"):  # these are drawn
             columns[name] = rng.normal(size=columns[name].shape)
-        columns |= the_truth(columns)
+        columns |= the_truth(columns, 0)
         qpos = header.model.qpos0 + 0.1 * rng.normal(size=(count, header.model.nq))
         time_s = np.arange(count) * header.control_step_s
         ends = np.cumsum(sizes)

@@ -33,7 +33,7 @@ class Forger:
         """Copies of the columns, changed; what the ego was told stays the truth if it was."""
         columns = {name: values.copy() for name, values in self.block.block.columns.items()}
         change(columns)
-        return columns if self.about.told else columns | the_truth(columns)
+        return columns if self.about.told else columns | the_truth(columns, 0)
 
     def write(self, folder: Path, change: Change, **claims: Any) -> Path:
         """Changes columns and nothing that follows from them; ``claims`` replace fields of the outcome."""
@@ -51,7 +51,7 @@ class Forger:
         found = replace(found, columns=c)
         c |= commands(found, found.trace(), cars_of(found, found.trace()))
         if not self.about.told:
-            c |= the_truth(c)
+            c |= the_truth(c, 0)
         if after is not None:
             after(c)
         found = replace(found, columns=c)

@@ -20,6 +20,7 @@ from mjmerge.record.recording import join, pose
 from mjmerge.record.rerun import arrow
 from mjmerge.record.rerun.side_by_side import Side, write_comparison
 from mjmerge.record.scene import CAMERA, TARGET, Scene, closeness
+from mjmerge.roster import roster
 from mjmerge.run import selected
 from mjmerge.scenario.load import load
 from mjmerge.simulation.log import BLOCK_S, block_ticks
@@ -27,6 +28,8 @@ from mjmerge.world.compose import build
 
 from .conftest import MakeBlocks
 from .test_recording import columns
+
+WIRE = schema.Wire(roster())
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +42,7 @@ def test_every_plotted_field_is_in_its_message(scene: Scene) -> None:
     for plot in plots.everything(load("paper"), scene.paint):
         for line in plot.lines:
             message = schema.LAW_MESSAGE if line.topic == schema.LAW_TOPIC else schema.CAR_MESSAGE
-            fields = {f.name: f.parts for f in schema.MESSAGES[message]}
+            fields = {f.name: f.parts for f in WIRE.messages[message]}
             name, _, part = line.field.partition(".")
             assert part in (fields[name] or ("",)), line
 
@@ -53,17 +56,17 @@ def test_the_published_foxglove_layout_is_current(scene: Scene) -> None:
 
 @given(st.integers(1, 70), st.integers(0, 2**32 - 1))
 def test_messages_as_arrow_come_back_bit_for_bit(count: int, seed: int) -> None:
-    doubles = schema.layout(schema.CAR_MESSAGE).doubles
+    doubles = WIRE.layout(schema.CAR_MESSAGE).doubles
     bits = np.random.default_rng(seed).integers(0, 2**64, (count, doubles), np.uint64)
     rows = bits.view(np.float64)  # NaN of all kinds among them
-    (column,) = arrow.structs(schema.CAR_MESSAGE, rows)
+    (column,) = arrow.structs(WIRE, schema.CAR_MESSAGE, rows)
     array = column.as_arrow_array()
-    assert arrow.numbers(array, schema.CAR_MESSAGE).tobytes() == rows.tobytes()
+    assert arrow.numbers(WIRE, array, schema.CAR_MESSAGE).tobytes() == rows.tobytes()
     message = array[count - 1].as_py()[0]
-    for at, field in enumerate(f.name for f in schema.MESSAGES[schema.CAR_MESSAGE] if not f.parts):
+    for at, field in enumerate(f.name for f in WIRE.messages[schema.CAR_MESSAGE] if not f.parts):
         assert field in message, at
     front = reduce(getitem, ("front_m", "y"), message)
-    names = [f"{f.name}.{p}" for f in schema.MESSAGES[schema.CAR_MESSAGE] for p in f.parts or ("",)]
+    names = [f"{f.name}.{p}" for f in WIRE.messages[schema.CAR_MESSAGE] for p in f.parts or ("",)]
     assert np.array_equal(front, rows[-1, names.index("front_m.y")], equal_nan=True)
 
 

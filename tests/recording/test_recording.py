@@ -36,7 +36,7 @@ from mjmerge.record.read import read, read_mcap, read_rrd
 from mjmerge.record.scene import Scene
 from mjmerge.record.schema import proto_text
 from mjmerge.review.view import write_view
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.run import run as run_scenario
 from mjmerge.scenario.load import load
 from mjmerge.simulation.log import Block
@@ -45,6 +45,8 @@ from mjmerge.state import Array
 
 from .conftest import MakeBlocks
 from .viewer import rerun_cli
+
+CARS = roster().cars
 
 OUTCOME = Outcome(
     [Event(0.0, "info", "", "start"), Event(0.02, "warning", "ego", "torque clipped")],
@@ -202,7 +204,7 @@ def test_what_plots_are_read_against_has_its_name_and_colour(run: Path, header: 
 
 
 def test_published_schema_is_current() -> None:
-    published = Path(mjmerge.record.schema.__file__).with_name("mjmerge_v1.proto")
+    published = Path(mjmerge.record.schema.__file__).with_name("mjmerge_v2.proto")
     assert published.read_text() == proto_text(), "write proto_text() to it"
 
 

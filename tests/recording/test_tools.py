@@ -19,6 +19,7 @@ from mjmerge.record.scene import Scene
 from mjmerge.review import video
 from mjmerge.review.convert import flat
 from mjmerge.review.poses import header, poses
+from mjmerge.roster import roster
 from mjmerge.run import run
 from mjmerge.scenario.load import load
 from mjmerge.simulation.trace import COLUMNS
@@ -168,7 +169,7 @@ def test_tables_hold_every_number_under_a_name_with_its_unit(mjmerge, folders, t
     assert {"opinion", "distance_m.vehicle_2", "front_m.ego.x", "torque_n_m.vehicle_1.rear_left"} <= set(
         tables[0]
     )
-    assert len(list(tables[0])) == 1 + sum(int(np.prod(c.shape)) for c in COLUMNS)
+    assert len(list(tables[0])) == 1 + sum(int(np.prod(c.shape(roster()))) for c in COLUMNS)
     about = pq.read_schema(tmp_path / "run.parquet").metadata
     assert json.loads(about[b"mjmerge.manifest"])["plant"] == "mujoco"
 

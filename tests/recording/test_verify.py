@@ -195,8 +195,8 @@ def test_a_removed_tick_is_found(forger: Forger, tmp_path: Path, tick: int) -> N
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_of_another_schema_is_named(recorded, monkeypatch, kind: str) -> None:
     room = {"mcap": "mcap", "rrd": "rerun"}[kind]
-    monkeypatch.setattr(f"mjmerge.record.{room}.reader.SCHEMA_VERSION", 99)
-    monkeypatch.setattr("mjmerge.review.verify.SCHEMA_VERSION", 99)
+    monkeypatch.setattr(f"mjmerge.record.{room}.reader.SCHEMA_VERSIONS", (98, 99))
+    monkeypatch.setattr("mjmerge.review.verify.SCHEMA_VERSIONS", (98, 99))
     found = verify(recorded("points") / f"run.{kind}")
     assert wrong(found) == {"schema"}
     assert "99" in found.checks[-1].says

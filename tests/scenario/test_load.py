@@ -387,7 +387,7 @@ def test_all_mistakes_of_a_file_are_reported_at_once_in_its_order(tmp_path):
         .replace("k_o: 1.0", "ko: 1.0\n  ko: 2.0")
         .replace("  r_rho_m: -1.206\n", "")
         .replace("kind: gap", "kind: yield")
-        .replace("ego: rc", "vehicle_3: rc")
+        .replace("ego: rc", "vehicle_x: rc")
         .replace("at_least: 0.05", "at_least: .inf")
     )
     found = problems(tmp_path, text)
@@ -397,7 +397,7 @@ def test_all_mistakes_of_a_file_are_reported_at_once_in_its_order(tmp_path):
         ("law.ko", 12),  # given twice
         ("law.ko", 12),  # and unknown
         ("drivers.vehicle_2.kind", 19),
-        ("models.vehicle_3", 25),
+        ("models.vehicle_x", 25),
         ("expect.min_distance_m.at_least", 27),
     ]
 

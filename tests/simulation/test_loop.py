@@ -12,7 +12,7 @@ from mjmerge.plant import PLANTS
 from mjmerge.plant.bicycle import Bicycle
 from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.mujoco import MuJoCo
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.scenario.load import load
 from mjmerge.simulation.log import BLOCK_S
 from mjmerge.simulation.loop import simulate
@@ -21,6 +21,8 @@ from mjmerge.verdict.judge import judge
 from mjmerge.verdict.metrics import lateral_error_m, merged_at_s
 from mjmerge.verdict.summary import summary
 from mjmerge.world.compose import build
+
+CARS = roster().cars
 
 every_plant = pytest.mark.parametrize("plant", sorted(PLANTS))
 

@@ -7,7 +7,7 @@ import pytest
 
 from mjmerge.plant import make
 from mjmerge.plant.mujoco import MuJoCo
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.levels import LEVELS
 from mjmerge.scenario.load import load
@@ -17,6 +17,8 @@ from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import Controls
 from mjmerge.vehicle.actuation import Feet
 from mjmerge.world.compose import build
+
+CARS = roster().cars
 
 loop = import_module("mjmerge.simulation.loop")
 NOTHING = Mismatch()

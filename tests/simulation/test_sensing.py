@@ -28,7 +28,7 @@ def cars_at(t, runs=1, heading=0.0):
 def told(ticks, *mismatches, seeds=None, heading=0.0):
     """What the ego is told at every tick: positions, velocities, (T, N, 3, 2), and u_1, (T, N, 2)."""
     runs = len(mismatches)
-    sense = Sensing(mismatches, seeds or list(range(runs)), H)
+    sense = Sensing(mismatches, seeds or list(range(runs)), H, 2)
     p, v, u = [], [], []
     for k in range(ticks):
         u_1 = np.full((runs, 2), [1.0 + k, 0.0])
@@ -49,7 +49,7 @@ def test_no_physical_mismatch_keeps_the_ego_from_the_truth(friction, bank):
     mismatch = Mismatch(friction=max(friction, 0.01), bank_rad=bank, load_kg=1.0, command_delay_s=0.1)
     assert exact(mismatch)
     cars, u_1 = cars_at(0.3), np.ones((1, 2))
-    assert Sensing([mismatch], [0], H)(cars, u_1) == (cars, u_1)  # the very same objects
+    assert Sensing([mismatch], [0], H, 2)(cars, u_1) == (cars, u_1)  # the very same objects
 
 
 FAULTS = {
@@ -221,7 +221,7 @@ def test_who_is_told_the_truth_is_told_all_of_it_also_among_others(row):
     """Down to the sign of a zero, which adding a noise of none would lose."""
     mismatches = [Mismatch(position_noise_m=0.01)] * 2
     mismatches[row] = Mismatch()
-    sense, rng = Sensing(mismatches, [1, 2], H), np.random.default_rng(2)
+    sense, rng = Sensing(mismatches, [1, 2], H, 2), np.random.default_rng(2)
 
     def zeros_and_ones(shape):
         return np.copysign(rng.integers(0, 2, shape), rng.normal(size=shape))

@@ -8,9 +8,11 @@ import pytest
 from mjmerge.config import shipped
 from mjmerge.errors import ModelError
 from mjmerge.proving.identify import identify
-from mjmerge.roster import CARS
+from mjmerge.roster import roster
 from mjmerge.scenario.load import load
 from mjmerge.world.compose import build, compose, single
+
+CARS = roster().cars
 
 WORLDBODY = "<worldbody>"
 CHASSIS = '<body name="chassis" pos="0 0 0.055">'

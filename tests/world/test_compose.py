@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from mjmerge.config import shipped
 from mjmerge.errors import ModelError
 from mjmerge.figures.style import COLOURS
-from mjmerge.roster import CARS, WHEELS
+from mjmerge.roster import WHEELS, roster
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
@@ -19,6 +19,8 @@ from mjmerge.vehicle.actuation import ackermann
 from mjmerge.world.checks.parts import DRIVE, DRIVEN, STEER
 from mjmerge.world.compose import build, compose
 from mjmerge.world.model import IMPRATIO
+
+CARS = roster().cars
 
 
 @pytest.fixture(scope="module")
