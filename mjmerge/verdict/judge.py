@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjmerge.simulation.trace import Stop, Trace, check_trace
-from mjmerge.state import Array, Mask
+from mjmerge.state import Array, Mask, dot
 from mjmerge.verdict.counterfactual import with_barrier_m, without_barrier_m
 from mjmerge.verdict.hypotheses import OBEYS_WINDOW_S, SEEN, Hypothesis, asked
 from mjmerge.verdict.metrics import Collision, Event, collisions
@@ -268,12 +268,15 @@ def _ruling_of_safe(
 
 
 def _dissipates(trace: Trace, run: int) -> bool:
-    """Whether the barrier took energy out of the motion towards and away from the neighbours, all in all."""
+    """Whether the barrier acted, all in all, as one that takes energy out of the motion towards neighbours.
+
+    That is along - sum_j g_j d_j'/d_j. Its work on one pair says nothing: away from one is towards another.
+    """
     g = trace.front_m[run, :, :1] - trace.front_m[run, :, 1:]
     g /= np.linalg.norm(g, axis=-1, keepdims=True)
-    push = np.sum(trace.u_c_mps2[run][:, None] * g, axis=-1)
-    work = np.nansum(push * trace.distance_rate_mps[run])
-    return bool(work < 0)
+    closing = -trace.distance_rate_mps[run] / trace.distance_m[run]
+    against = np.sum(closing[..., None] * g, axis=1)
+    return bool(np.nansum(dot(trace.u_c_mps2[run], against)) > 0)
 
 
 def _told_wrong(trace: Trace, run: int) -> tuple[int, float] | None:
