@@ -248,13 +248,13 @@ HYPOTHESES: dict[str, Hypothesis] = {
         ),
         Hypothesis(
             "neighbours keep apart",
-            "Assumption 1: each neighbour keeps a safe distance from the other, at all times",
+            "Assumption 1: each neighbour keeps a safe distance from the others, at all times",
             _neighbours_apart,
             ("front_m",),
         ),
         Hypothesis(
             "neighbours leave 2r",
-            "Assumption 1: once the ego is in their lane between them, the neighbours leave it 2r",
+            "Assumption 1: once the ego is in their lane between them, leader and follower leave it 2r",
             _leave_2r,
             ("front_m", "gap_m", "gap_rate_mps"),
         ),
