@@ -1,0 +1,64 @@
+"""What a car more costs: ``python tests/benchmarks/cars_there.py``. Ratios in one process, no test.
+
+Time of a control step, on the ideal plant and on MuJoCo, by how many cars there are, and how far each is from
+the straight line through all of them; at most 15 %.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import mjmerge
+from mjmerge.world.compose import build
+
+COUNTS = (3, 4, 6, 9)
+RUNS, REPEATS = 64, 5
+AT_M = ((2.0, 1.2), (2.0, 0.0), (-5.0, 1.2), (-5.5, 0.0), (4.0, 0.0), (4.0, 1.2))
+
+
+def scenario(cars: int, duration_s: float):
+    """Two that a merge is between, and others around them."""
+    spread = {f"vehicle_{j}": at for j, at in enumerate(AT_M[: cars - 3], 3)}
+    places = {"ego": (-1.75, 1.2), "vehicle_1": (0.0, 0.0), "vehicle_2": (-3.5, 0.0)} | spread
+    return mjmerge.load(
+        {
+            "duration_s": duration_s,
+            "initial": {car: {"front_m": list(at), "speed_mps": 1.0} for car, at in places.items()},
+            "law": {"r_rho_m": -1.5, "r_eta_m": 1.2},
+            "drivers": {car: {"kind": "steady", "speed_mps": 1.0} for car in places if car != "ego"},
+        }
+    )
+
+
+def step_s(cars: int, plant: str, runs: int) -> float:
+    """Time of a control step of all runs, s."""
+    of = scenario(cars, 1.0)
+    world = build(of) if plant == "mujoco" else None
+    taken = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        trace = mjmerge.simulate(of, plant, runs=runs, threads=1, world=world)
+        taken.append((time.perf_counter() - began) / len(trace.time_s))
+    return statistics.median(taken)
+
+
+def main() -> None:
+    """Prints the table."""
+    table = Table("plant", "runs", "cars", "a step (us)", "over three cars", "off the line")
+    for plant, runs in (("double_integrator", RUNS), ("mujoco", 1), ("mujoco", 16)):
+        taken = np.array([step_s(cars, plant, runs) for cars in COUNTS])
+        line = np.polyval(np.polyfit(COUNTS, taken, 1), COUNTS)
+        for cars, t, fit in zip(COUNTS, taken, line, strict=True):
+            table.add_row(
+                plant, str(runs), str(cars), f"{1e6 * t:.0f}", f"{t / taken[0]:.2f}", f"{t / fit - 1:+.1%}"
+            )
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
