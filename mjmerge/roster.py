@@ -65,6 +65,7 @@ def neighbour(j: int) -> str:
     return f"vehicle_{j + 1}"
 
 
+@lru_cache(maxsize=1024)  # the law asks at every tick
 def slot(name: str) -> int | None:
     """Where along the axis of neighbours one of this name is; ``None`` for what is no neighbour's name."""
     found = _NEIGHBOUR.fullmatch(name)

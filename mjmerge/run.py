@@ -33,7 +33,7 @@ from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
-from mjmerge.verdict.summary import ground, summary, worst_run
+from mjmerge.verdict.summary import ends_s, ground, summary, worst_run
 from mjmerge.world.compose import build
 from mjmerge.world.model import World
 
@@ -170,7 +170,8 @@ def run(
         except DoorError as error:
             kept = "; what was recorded is kept as *.partial" if recording is not None else ""
             raise DoorError(f"{error}{kept}") from error
-        found = summary(trace, verdicts, wall_s, metrics)
+        found = summary(trace, verdicts, metrics)
+        found["real_time_factor"] = float(ends_s(trace).sum()) / wall_s
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
         found |= _ground(scenario, plant, continuous)
@@ -281,7 +282,7 @@ def _record_again(
             scenario, trace.plant, seed=seed, world=world, sink=recording, continuous=trace.continuous
         )
         (verdict,) = judge(alone)
-        found = summary(alone, [verdict], 1.0, own.measured(alone))
+        found = summary(alone, [verdict], own.measured(alone))
         found |= _ground(scenario, trace.plant, trace.continuous) | {"distinct_runs": 1}
         recording.close(_outcome(alone, verdict, found))
     return recording.failures
@@ -297,7 +298,7 @@ def _side(trace: Trace, plant: str, seed: int, world: World) -> Side:
     keep = Keep(header)
     alone = simulate(scenario, plant, seed=seed, world=world, sink=keep, continuous=continuous)
     (verdict,) = judge(alone)
-    outcome = _outcome(alone, verdict, summary(alone, [verdict], 1.0, own.measured(alone)))
+    outcome = _outcome(alone, verdict, summary(alone, [verdict], own.measured(alone)))
     return Side("ideal" if plant == IDEAL else plant, header, keep.posed(), outcome)
 
 

@@ -120,8 +120,7 @@ def what_follows(
             others is taken as it is.
     """
     values = claimed_metrics(found, trace) | dict(metrics or {})
-    expected = summary(trace, [verdict], 1.0, values)
-    del expected["real_time_factor"]
+    expected = summary(trace, [verdict], values)
     accepted = found.manifest["acceptance"]
     stands = ground(trace.scenario, trace.plant, accepted, continuous=trace.continuous)
     return expected | stands | {"distinct_runs": 1}

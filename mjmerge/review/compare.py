@@ -64,7 +64,7 @@ class Side:
         trace = recorded.run()
         (verdict,) = judge(trace)
         metrics = claimed_metrics(recorded, trace)
-        return cls(recorded, trace, verdict, summary(trace, [verdict], 1.0, metrics))
+        return cls(recorded, trace, verdict, summary(trace, [verdict], metrics))
 
     @property
     def label(self) -> str:

@@ -192,7 +192,7 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
         "mu_input_per_s": told.mu_input,
         "sensed_distance_m": told.geometry.d,
         "sensed_distance_rate_mps": told.geometry.d_dot,
-        "target_m": c["sensed_front_m"][:, 1 + law.j_1] + told.e_1_star,
+        "target_m": told.target,
         "u_n_mps2": told.u_n,
         "u_c_mps2": told.u_c,
         "u_mps2": u,

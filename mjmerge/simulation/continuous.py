@@ -78,9 +78,8 @@ class Equation:
         self._traffic, self._believed, self._command = traffic, believed, _COMMANDS[plant]
         self._plant = cast("Smooth", make(plant, scenario, None, (scenario.mismatch,), threads=0))
         self._frame_mps = np.zeros(self._plant.state().shape[1:])
-        self._frame_mps[:, 0] = scenario.starts[
-            1 + scenario.law.j_1
-        ].speed_mps  # every plant's state begins with its x
+        leader = scenario.starts[1 + scenario.law.j_1]
+        self._frame_mps[:, 0] = leader.speed_mps  # every plant's state begins with its x
 
     def start(self) -> Array:
         """x(0), (K,)."""

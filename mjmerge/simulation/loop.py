@@ -85,9 +85,9 @@ def simulate(
     if world is None and (plant == "mujoco" or sink is not None or live is not None):
         world = build(scenario, mismatch)
     law, h = scenario.law, scenario.control_step_s
-    cars_there, j_1 = scenario.roster.cars, law.j_1
+    names, j_1 = scenario.roster.cars, law.j_1
     moving = make(plant, scenario, world, mismatch, threads)
-    sense = Sensing(() if continuous else mismatch, seeds.tolist(), h, len(cars_there) - 1)
+    sense = Sensing(() if continuous else mismatch, seeds.tolist(), h, len(names) - 1)
     sheets = tuple(believed_sheets(scenario))
     starts_m, hold_s = moving.observe().front_m[:, 1:], 0.0 if continuous else h
     traffic = Traffic.of(
@@ -111,9 +111,7 @@ def simulate(
         for fault in moving.faults():
             if running[fault.run]:
                 running[fault.run] = False
-                log.stop(
-                    Stop(fault.run, t, cars_there[fault.car], fault.reason, fault.touched, fault.crossing)
-                )
+                log.stop(Stop(fault.run, t, names[fault.car], fault.reason, fault.touched, fault.crossing))
         if not running.any():
             break
         cars = moving.observe()
@@ -129,7 +127,7 @@ def simulate(
         controls = actuate(seen, u, believed, law.eps_v_mps, h, feet, traffic.stands(cars, t, u_j))
 
         # record
-        row = _row(cars, seen, truth, controls, decision, z, mu, moving.contacts(), j_1)
+        row = _row(cars, truth, controls, decision, z, mu, moving.contacts())
         if not sense.exact:
             row |= _told(seen, u_1)
         log.write(row, running, lambda: moving.qpos()[0])
@@ -156,14 +154,12 @@ def _told(seen: Cars, u_1: Array) -> dict[str, Array]:
 
 def _row(
     cars: Cars,
-    seen: Cars,
     truth: Geometry,
     controls: Controls,
     decision: Decision,
     z: Array,
     mu: Array,
     contacts: tuple[Array, Array],
-    j_1: int,
 ) -> dict[str, Array]:
     """One tick, as the columns of the trace."""
     return {
@@ -180,7 +176,7 @@ def _row(
         "clearance_m": cars.clearance_m,
         "contact_impulse_n_s": contacts[0],
         "contact_speed_mps": contacts[1],
-        "target_m": seen.front_m[:, 1 + j_1] + decision.e_1_star,
+        "target_m": decision.target,
         "u_n_mps2": decision.u_n,
         "u_c_mps2": decision.u_c,
         "u_mps2": controls.u_mps2,

@@ -32,9 +32,9 @@ def worst_run(trace: Trace) -> int:
 
 
 def summary(
-    trace: Trace, verdicts: Sequence[Verdict], wall_s: float, metrics: Mapping[str, Array] | None = None
+    trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array] | None = None
 ) -> dict[str, Any]:
-    """What ``--json`` prints and ``summary.json`` holds, but for the run folder and the versions.
+    """What ``--json`` prints and ``summary.json`` holds, but for the time it took, run folder and versions.
 
     Distances are the smallest over all simulations; times, merge, hypotheses (when each first broke), the
     decision and the scenario's own metrics are those of the worst one.
@@ -42,13 +42,10 @@ def summary(
     Args:
         trace: what happened.
         verdicts: on each simulation.
-        wall_s: how long that took, s.
         metrics: what the scenario's own metrics came to, by name, each (N,); not known where left out.
     """
     run = worst_run(trace)
     distance_m = trace.distance_m[run]
-    known = ~np.isnan(trace.front_m[:, :, 0, 0])
-    ends = np.where(known, trace.time_s, 0.0).max(axis=1).tolist()  # 0 where it stopped before its first tick
     worst = max(verdicts, key=lambda v: (VERDICTS.index(v.verdict), v.run == run))
     there = trace.roster
     clearance = trace.min_clearance_m[:, : len(there.neighbours)]
@@ -101,10 +98,16 @@ def summary(
             }
             for s in trace.stops
         ],
-        "duration_s": number(max(ends)),
-        "real_time_factor": number(sum(ends) / wall_s),
+        "duration_s": number(float(ends_s(trace).max())),
         **_own(trace, metrics or {}, run),
     }
+
+
+def ends_s(trace: Trace) -> Array:
+    """When each simulation ended, s, (N,); 0 where it stopped before its first tick."""
+    known = ~np.isnan(trace.front_m[:, :, 0, 0])
+    last: Array = np.where(known, trace.time_s, 0.0).max(axis=1)
+    return last
 
 
 def _own(trace: Trace, values: Mapping[str, Array], run: int) -> dict[str, Any]:

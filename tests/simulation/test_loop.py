@@ -343,7 +343,7 @@ def test_a_run_that_stops_before_its_first_tick_still_has_a_summary_that_json_ca
     monkeypatch.setattr("mjmerge.plant.kinematic._BEYOND", 1.0)
     trace = simulate(load("paper", ["duration_s=0.1"]), "double_integrator", runs=2)
     assert len(trace.stops) == 2
-    found = summary(trace, judge(trace), 1.0)
+    found = summary(trace, judge(trace))
     assert (found["verdict"], found["duration_s"], found["decision"]["least_z"]) == ("incomplete", 0.0, None)
     json.dumps(found, allow_nan=False)
 

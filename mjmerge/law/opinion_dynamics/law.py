@@ -69,6 +69,7 @@ class Decision:
         geometry: distances and gap as sensed.
         w: weight of the merge, (N,).
         e_1_star: target as seen from the leader, m, (N, 2).
+        target: p_1 + e_1*, the same in the road frame, m, (N, 2).
         mu_input: input of the mu-law, 1/s, (N,).
     """
 
@@ -78,6 +79,7 @@ class Decision:
     geometry: Geometry
     w: Array
     e_1_star: Array
+    target: Array
     mu_input: Array
 
 
@@ -127,5 +129,6 @@ def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
         geometry=seen,
         w=w,
         e_1_star=e_1_star,
+        target=sensed.p_j[:, j_1] + e_1_star,
         mu_input=bifurcation_input(law, seen.g[:, [j_1, j_2], 0], seen.dbar, seen.dbar_dot),  # rho.g_j: its x
     )
