@@ -48,9 +48,19 @@ def _file(dice: random.Random, value: object, name: str) -> str:
     return "; ".join(what)
 
 
+def _crowded(value: object, more: int) -> object:
+    """A scenario with more neighbours, far ahead of all."""
+    assert isinstance(value, dict)
+    initial, drivers = dict(value["initial"]), dict(value["drivers"])
+    for j in range(3, 3 + more):
+        initial[f"vehicle_{j}"] = {"front_m": [1000.0 * j, 0.0], "speed_mps": 1.0}
+        drivers[f"vehicle_{j}"] = {"kind": "steady", "speed_mps": 1.0}
+    return value | {"initial": initial, "drivers": drivers}
+
+
 def _scenario(dice: random.Random) -> Case:
     name = dice.choice(sorted(shipped.scenarios()))
-    said = _file(dice, _yaml(shipped.scenarios()[name]), "case.yaml")
+    said = _file(dice, _crowded(_yaml(shipped.scenarios()[name]), dice.choice([0, 0, 1, 4])), "case.yaml")
     plant = dice.choice(PLANTS)
     more = dice.choice([[], ["--json"], ["--runs", "3"], ["--continuous"], ["--seed", "7"]])
     return [
@@ -72,6 +82,10 @@ def _set(dice: random.Random) -> Case:
         "mismatch.friction",
         "mismatch.command_delay_s",
         "models.ego",
+        "models.vehicle_3",
+        "initial.vehicle_3",
+        "drivers.vehicle_3",
+        "law.leader",
         "law.k_o",
         "belief.mass_kg",
         "x",

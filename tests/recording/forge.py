@@ -46,8 +46,8 @@ class Forger:
         Distances, commands, poses, events, summary, verdict and fingerprints; ``after`` changes what is left.
         """
         found = self._with(self.columns(change))
-        c, r_m = dict(found.columns), self.about.scenario.law.r_m
-        c |= geometry(c["front_m"], c["velocity_mps"], r_m)
+        c = dict(found.columns)
+        c |= geometry(c["front_m"], c["velocity_mps"], self.about.scenario.law)
         found = replace(found, columns=c)
         c |= commands(found, found.trace(), cars_of(found, found.trace()))
         if not self.about.told:

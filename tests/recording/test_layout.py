@@ -75,7 +75,7 @@ def test_a_damaged_array_is_refused() -> None:
     damaged = pa.ListArray.from_arrays(pa.array(ends), pa.array([1.0]))
     ends[1] = 99  # behind its back: Arrow looks at the same memory
     with pytest.raises(ValueError, match="offset"):
-        arrow.numbers(damaged, schema.CAR_MESSAGE)
+        arrow.numbers(WIRE, damaged, schema.CAR_MESSAGE)
 
 
 @pytest.mark.parametrize(("d_m", "state"), [(0.4, 0), (0.29, 1), (1e-9, 1), (0.0, 2), (-0.1, 2), (np.nan, 0)])
