@@ -25,7 +25,7 @@ from mjmerge.scenario.cars import believed_sheets
 from mjmerge.simulation.sensing import Sensing
 from mjmerge.simulation.trace import Trace, the_truth
 from mjmerge.state import Array, Cars, Mask, dot, norm
-from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
+from mjmerge.vehicle.actuation import BelievedCars, Feet, Steering, actuate
 
 _DISTANCE_M = 1e-12
 """Distances follow from positions to the last bit on any processor; this much is allowed, or this part."""
@@ -247,11 +247,13 @@ def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) 
     """What the cars are told, by column, tick after tick: feet remember."""
     believed = BelievedCars.of(believed_sheets(trace.scenario), limited=trace.plant in LIMITS)
     eps_v_mps, feet = trace.scenario.law.eps_v_mps, Feet(found.step_s)
+    steering = Steering(commanded=trace.scenario.actuation.inverse == "commanded")
     told = []
     for k in range(len(found.ticks)):
         row = slice(k, k + 1)
-        now = at(seen, k)
+        now = steering(at(seen, k))
         told.append(actuate(now, u[row], believed, eps_v_mps, found.step_s, feet, stand[row]))
+        steering.told(told[-1])
     names = {
         "a_mps2": "a_mps2",
         "omega_radps": "omega_radps",

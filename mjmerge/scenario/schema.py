@@ -110,6 +110,14 @@ class Belief(Frozen):
     """Rolling radius, m."""
 
 
+class Actuation(Frozen):
+    """From the acceleration that the law asks for to what the ego's car is told."""
+
+    inverse: Annotated[Literal["measured", "commanded"], Acts(on=WHEELS)] = "measured"
+    """Which steering angle the bicycle inverse takes for delta: the one that is measured, as printed, or the
+    one that was last commanded, with which a dead time does not make it weave."""
+
+
 class Floor(Frozen):
     """A one-sided bound."""
 
@@ -184,6 +192,7 @@ class Scenario(Frozen):
     drivers: Drivers
     models: Models = Models()
     road: Road = Road()
+    actuation: Actuation = Actuation()
     belief: Belief = Belief()
     mismatch: Mismatch = Mismatch()
     metrics: Annotated[tuple[str, ...], Field(strict=False)] = ()

@@ -19,7 +19,7 @@ from mjmerge.simulation.log import Log, Sink
 from mjmerge.simulation.sensing import Sensing
 from mjmerge.simulation.trace import Stop, Trace
 from mjmerge.state import Array, Cars, Controls
-from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
+from mjmerge.vehicle.actuation import BelievedCars, Feet, Steering, actuate
 from mjmerge.world.compose import build
 from mjmerge.world.model import World
 
@@ -94,6 +94,7 @@ def simulate(
         scenario.neighbours, seeds.tolist(), scenario.duration_s, starts_m, sheets[1:], hold_s, (j_1, law.j_2)
     )
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
+    steering = Steering(commanded=scenario.actuation.inverse == "commanded")
     z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
     running = np.ones(runs, dtype=bool)
     log = Log(
@@ -124,7 +125,9 @@ def simulate(
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
-        controls = actuate(seen, u, believed, law.eps_v_mps, h, feet, traffic.stands(cars, t, u_j))
+        stands = traffic.stands(cars, t, u_j)
+        controls = actuate(steering(seen), u, believed, law.eps_v_mps, h, feet, stands)
+        steering.told(controls)
 
         # record
         row = _row(cars, truth, controls, decision, z, mu, moving.contacts())

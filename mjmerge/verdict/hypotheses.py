@@ -220,11 +220,12 @@ def _prompt(trace: Trace) -> Mask:
     late_s = column(trace.mismatch, "sensing_delay_s") + column(trace.mismatch, "command_delay_s")
     late: Mask = np.zeros(trace.distance_m.shape[:2], dtype=bool)
     law, wheelbase_m = trace.scenario.law, car_sheets(trace.scenario)[0].wheelbase_m
+    turns = trace.plant in WHEELS and trace.scenario.actuation.inverse == "measured"
     for run in np.flatnonzero(late_s > 0).tolist():
         d = trace.distance_m[run]
         near = d > 0
         gain = law.k_v + law.k_o / np.where(near, effective_distance(law, d), np.inf)
-        turn = np.maximum(trace.speed_mps[run, :, :1], 0) / wheelbase_m if trace.plant in WHEELS else None
+        turn = np.maximum(trace.speed_mps[run, :, :1], 0) / wheelbase_m if turns else None
         late[run] = np.any(near & (longest_delay_s(gain, law.k_p, turn) <= late_s[run]), axis=1)
     return late
 
