@@ -124,9 +124,9 @@ class Feet:
 class Steering:
     """The angle that the inverse of the ego takes for its steering angle: measured, or as last commanded.
 
-    The printed inverse divides by what is measured. Under a dead time tau that angle is old, and with it the
-    inverse makes a loop of its own, which weaves (see ``verdict/loops.py``); by the commanded angle it cancels
-    the steering to the letter, and what is left is the delayed double integrator.
+    The printed inverse divides by what is measured. Under a dead time that angle is old, and with it the
+    inverse makes a loop of its own, which weaves (see ``verdict/loops.py``); by the commanded angle the
+    steering cancels, and what is left is the delayed double integrator.
     """
 
     def __init__(self, *, commanded: bool) -> None:

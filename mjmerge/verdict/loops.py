@@ -9,8 +9,9 @@ A bicycle under the printed inverse, which divides by the *measured* steering an
 
     s^3 + e^(-tau s) (a s^2 + (s + a)(K s + k_p)) = 0.
 
-(Under the inverse by the commanded angle, a cancels: the first holds.) Both are stable at tau = 0. They lose that at the least tau for which a root s = i w lies on the axis: the
-modulus gives w, the phase gives tau. (The bare barrier, K = k_o/d and k_p = 0, stands tau = pi d/(2 k_o).)
+Under the inverse by the commanded angle a cancels, and the first holds. Both are stable at tau = 0. They
+lose that at the least tau for which a root s = i w lies on the axis: the modulus gives w, the phase gives
+tau. (The bare barrier, K = k_o/d and k_p = 0, stands tau = pi d/(2 k_o).)
 """
 
 from __future__ import annotations

@@ -67,11 +67,14 @@ def alone(scenario, plant, continuous=False):
 
 
 @cache
-def base(variant):
-    """The scenario under a variant of the law, and its motion everywhere."""
-    law = HARD.law.model_copy(update={"variant": variant})
-    initial = HARD.initial.model_copy(update={"z": 0.5})
-    scenario = HARD.model_copy(update={"law": law, "initial": initial})
+def base(variant, delay_s):
+    """The scenario under a variant of the law and a dead time, and its motion everywhere."""
+    update = {
+        "law": HARD.law.model_copy(update={"variant": variant}),
+        "initial": HARD.initial.model_copy(update={"z": 0.5}),
+        "mismatch": HARD.mismatch.model_copy(update={"command_delay_s": delay_s}),
+    }
+    scenario = HARD.model_copy(update=update)
     return scenario, {world: alone(scenario, *world) for world in WORLDS}
 
 
@@ -110,6 +113,7 @@ def test_an_axis_changes_the_motion_exactly_where_it_says(axis, on_cars):
 
 
 KEYS = {
+    "actuation.inverse": "commanded",
     "belief.wheelbase_m": 0.5,
     "belief.mass_kg": 9.0,
     "belief.wheel_radius_m": 0.08,
@@ -126,7 +130,7 @@ KEYS = {
 )
 def test_another_key_changes_the_motion_exactly_where_it_says(key, variant):
     assert set(KEYS) == {k for k in declared() if not k.startswith(("mismatch.", "gate"))}
-    scenario, before = base(variant)
+    scenario, before = base(variant, 0.05 if key == "actuation.inverse" else 0.0)
     section, _, name = key.rpartition(".")
     value = KEYS[key] if not section else getattr(scenario, section).model_copy(update={name: KEYS[key]})
     other = scenario.model_copy(update={section or name: value})
