@@ -85,6 +85,7 @@ class Sweep:
         from rich.console import Console
 
         from mjmerge.sweep import report as sweep_report
+        from mjmerge.sweep import tally
         from mjmerge.sweep.campaign import plan
         from mjmerge.sweep.folder import TABLE
         from mjmerge.sweep.sweep import sweep
@@ -94,7 +95,7 @@ class Sweep:
         with runs_bar(len(planned.cases)) as progress:
             found = sweep(planned, folder, processes=self._processes(), progress=progress)
         sweep_report.write(planned, found, folder)
-        summary = sweep_report.summary(planned, found)
+        summary = tally.summary(planned, found)
         if self.json:
             print(json.dumps(summary | {"out": str(folder)}))
         else:
@@ -102,7 +103,7 @@ class Sweep:
             count = f"{len(planned.cases)} runs, {summary['distinct']} distinct"
             console.print(f"{bold(planned.name)}, {count}")
             console.print(sweep_report.rich_table(found))
-            for note in sweep_report.notes(planned, found):
+            for note in tally.notes(planned, found):
                 console.print(note, markup=False, soft_wrap=True)
             if summary["worst"]:
                 console.print("the worst run:  ", end="")

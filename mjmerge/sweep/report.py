@@ -1,27 +1,33 @@
-"""What a person gets from a sweep: failure rates with intervals, margins, the worst runs, their commands."""
+"""What a person gets from a sweep: a table for the terminal, and ``report.md`` with its figures."""
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mjmerge.figures.style import save
 from mjmerge.outputs import put
 from mjmerge.scenario.distinct import distinct
-from mjmerge.scenario.effect import told
-from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.sweep.campaign import GRID, RANDOM
 from mjmerge.sweep.figures import figures
 from mjmerge.sweep.plan import Plan
-from mjmerge.sweep.rows import EMPTY, FAILED, METRIC, METRICS_HELD, PASSED, Rows, groups
-from mjmerge.sweep.statistics import CONFIDENCE, Rate, clopper_pearson
-from mjmerge.verdict import own
+from mjmerge.sweep.rows import EMPTY, FAILED, METRICS_HELD, Rows, groups
+from mjmerge.sweep.statistics import CONFIDENCE
+from mjmerge.sweep.tally import (
+    command,
+    failure_rate,
+    least_m,
+    notes,
+    own_metrics,
+    runs_with,
+    vacuous_runs,
+    worst,
+)
 from mjmerge.versions import versions
 
 if TYPE_CHECKING:
@@ -29,55 +35,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 REPORT = "report.md"
-WORST = 10
-"""Runs that the report shows the command of."""
 
 _FEW = 12  # an axis of no more values is tabled value by value, another in quarters
-
-
-def failure_rate(rows: Rows) -> Rate:
-    """How many failed, of those that were not vacuous; of copies of a run, one counts."""
-    counts = Counter(row["outcome"] for row in distinct(rows))
-    return clopper_pearson(counts[FAILED], counts[FAILED] + counts[PASSED])
-
-
-def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
-    """What ``--json`` prints of a sweep."""
-    rows: Rows = table.to_pylist()
-    return {
-        "campaign": plan.name,
-        "runs": len(rows),
-        "distinct": len(distinct(rows)),
-        "left_out": {why: list(axes) for why, axes in plan.left_out.items()},
-        "outcomes": {name: sum(row["outcome"] == name for row in rows) for name in (PASSED, EMPTY, FAILED)},
-        "failure_rate": _as_json(failure_rate(rows)),
-        "groups": [
-            dict(zip(("scenario", "plant", "variant"), key, strict=True))
-            | {
-                "runs": len(group),
-                "distinct": len(distinct(group)),
-                "no_effect": list(_idle(plan, group)),
-                "vacuous": _vacuous(group),
-                "failure_rate": _as_json(failure_rate(group)),
-                "min_distance_m": _least(group),
-                **({"metrics": _metrics(plan, group)} if plan.metrics else {}),
-            }
-            for key, group in groups(rows).items()
-        ],
-        "stopped": sum(row["stopped"] is not None for row in rows),
-        "touching_with_margin": len(_runs_with("touching_in_margin_s", distinct(rows))),
-        "clear_without_margin": len(_runs_with("clear_without_margin_s", distinct(rows))),
-        "worst": [
-            {
-                "run": row["run"],
-                "min_distance_m": row["min_distance_m"],
-                "verdict": row["verdict"],
-                "command": command(plan, row),
-            }
-            for row in worst(rows)
-        ],
-        "versions": versions(),
-    }
 
 
 def write(plan: Plan, table: pa.Table, folder: Path) -> None:
@@ -98,78 +57,9 @@ def rich_table(table: pa.Table) -> Table:
     columns = ("scenario", "plant", "law", "runs", "distinct", "vacuous", "failed", "least d_j")
     grid = Table(*columns, box=None, pad_edge=False)
     for key, group in groups(table.to_pylist()).items():
-        counts = map(str, (len(group), len(distinct(group)), _vacuous(group), failure_rate(group)))
-        grid.add_row(*map(escape, key), *counts, _metres(_least(group)) + " m")
+        counts = map(str, (len(group), len(distinct(group)), vacuous_runs(group), failure_rate(group)))
+        grid.add_row(*map(escape, key), *counts, _metres(least_m(group)) + " m")
     return grid
-
-
-def notes(plan: Plan, table: pa.Table) -> list[str]:
-    """What a reader of the rates has to know, a line each: copies, axes left out, keys without effect."""
-    rows: Rows = table.to_pylist()
-    found = []
-    copies = len(rows) - len(distinct(rows))
-    if copies:
-        found.append(
-            f"{copies} of {len(rows)} runs are copies of others (the same scenario, plant and mismatch, with "
-            "the same seed, or where nothing is random): each run counts once"
-        )
-    found += [f"left out of the levels: {', '.join(axes)} ({why})" for why, axes in plan.left_out.items()]
-    for (scenario, _), group in groups(rows, ("scenario", "plant")).items():
-        idle = _idle(plan, group)
-        found += [f"the {key} of {scenario} is without effect: it {why}" for key, why in idle.items()]
-    return found
-
-
-def _idle(plan: Plan, rows: Rows) -> dict[str, str]:
-    """What the scenario of some rows says itself and is without effect in all of them, and why."""
-    cases = [plan.cases[row["run"]] for row in rows]
-    seen: dict[tuple[int, Mismatch], dict[str, str]] = {}
-    for case in cases:
-        key = id(case.batch), case.mismatch
-        if key not in seen:
-            here = case.batch.scenario.model_copy(update={"mismatch": case.mismatch})
-            seen[key] = told(here, case.batch.plant, continuous=case.batch.continuous)
-    every = list(seen.values())
-    return {key: why for key, why in every[0].items() if all(key in other for other in every)}
-
-
-def _vacuous(rows: Rows) -> int:
-    return sum(row["outcome"] == EMPTY for row in distinct(rows))
-
-
-def worst(rows: Rows) -> Rows:
-    """The runs that came closest, of copies one; one without data is worse than any other."""
-
-    def margin(row: dict[str, Any]) -> float:
-        return -np.inf if row["min_distance_m"] is None else float(row["min_distance_m"])
-
-    return sorted(distinct(rows), key=margin)[:WORST]
-
-
-def command(plan: Plan, row: Mapping[str, Any]) -> str:
-    """The command that gives this run alone, bit for bit, and records it."""
-    return shlex.join(("mjmerge", *plan.cases[row["run"]].command))
-
-
-def _as_json(rate: Rate) -> dict[str, Any]:
-    return {
-        "failed": rate.count,
-        "of": rate.of,
-        "rate": rate.value,
-        "low": rate.low,
-        "high": rate.high,
-        "confidence": CONFIDENCE,
-    }
-
-
-def _least(rows: Rows) -> float | None:
-    known = [row["min_distance_m"] for row in rows if row["min_distance_m"] is not None]
-    return min(known, default=None)
-
-
-def _runs_with(column: str, rows: Rows) -> Rows:
-    """Rows in which a duration is more than none."""
-    return [row for row in rows if row[column]]
 
 
 def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str]) -> Iterator[str]:
@@ -202,9 +92,9 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
                 *key,
                 len(group),
                 len(distinct(group)),
-                _vacuous(group),
+                vacuous_runs(group),
                 failure_rate(group),
-                _metres(_least(group)),
+                _metres(least_m(group)),
             )
             for key, group in groups(rows).items()
         ],
@@ -256,7 +146,7 @@ def _by_name(rows: Rows) -> Iterator[str]:
 
 
 def _cell(rows: Rows) -> str:
-    text, rows = _metres(_least(rows)), distinct(rows)
+    text, rows = _metres(least_m(rows)), distinct(rows)
     failed = sum(row["outcome"] == FAILED for row in rows)
     if failed:
         return f"**{text}**" + (f" ({failed} of {len(rows)})" if len(rows) > 1 else "")
@@ -274,7 +164,7 @@ def _by_axis(plan: Plan, rows: Rows) -> Iterator[str]:
         for axis in plan.axes:
             for label, part in _slices(axis, group):
                 rate = failure_rate(part)
-                body.append((scenario, plant, variant, axis, label, rate, _metres(_least(part))))
+                body.append((scenario, plant, variant, axis, label, rate, _metres(least_m(part))))
     yield from _table(("scenario", "plant", "law", "axis", "value", "failed", "least d_j (m)"), body)
 
 
@@ -325,7 +215,7 @@ def _collisions(rows: Rows) -> Iterator[str]:
         return
     touched = [row for row in bodies if row["first_contact_s"] is not None]
     in_margin, clear = (
-        len(_runs_with(name, bodies)) for name in ("touching_in_margin_s", "clear_without_margin_s")
+        len(runs_with(name, bodies)) for name in ("touching_in_margin_s", "clear_without_margin_s")
     )
     yield "## Collisions"
     yield ""
@@ -342,19 +232,6 @@ def _collisions(rows: Rows) -> Iterator[str]:
     yield ""
 
 
-def _metrics(plan: Plan, rows: Rows) -> dict[str, dict[str, float | int | None]]:
-    """Range and middle of each own metric over distinct runs, and in how many it is not known; by name."""
-    found: dict[str, dict[str, float | int | None]] = {}
-    for name in plan.metrics:
-        of = [row for row in distinct(rows) if name in own.names(plan.cases[row["run"]].batch.scenario)]
-        known = [row[METRIC + name] for row in of if row[METRIC + name] is not None]
-        if of:
-            middle = float(np.median(known)) if known else None
-            least, most = min(known, default=None), max(known, default=None)
-            found[name] = {"least": least, "median": middle, "most": most, "unknown": len(of) - len(known)}
-    return found
-
-
 def _own(plan: Plan, rows: Rows) -> Iterator[str]:
     if not plan.metrics:
         return
@@ -368,7 +245,7 @@ def _own(plan: Plan, rows: Rows) -> Iterator[str]:
     body = [
         (*key, name, *(_short(v) if v is not None else "-" for v in numbers.values()))
         for key, group in groups(rows).items()
-        for name, numbers in _metrics(plan, group).items()
+        for name, numbers in own_metrics(plan, group).items()
     ]
     yield from _table(("scenario", "plant", "law", "metric", "least", "median", "most", "not known"), body)
 

@@ -14,7 +14,7 @@ from mjmerge.scenario.distinct import SAME, labels, random
 from mjmerge.scenario.load import load
 from mjmerge.search import report as breaking_report
 from mjmerge.search.breaking import ranged, search
-from mjmerge.sweep import campaign
+from mjmerge.sweep import campaign, tally
 from mjmerge.sweep import report as sweep_report
 from mjmerge.sweep.sweep import sweep
 from mjmerge.sweep.workers import Workers
@@ -106,7 +106,7 @@ def test_copies_are_equal_and_enter_no_interval(tmp_path):
     rows = found.to_pylist()
     assert [row[SAME] for row in rows] == [0, 0, 2, 2]
     assert {**rows[0], "run": 1, "seed": 1} == rows[1]
-    summary = sweep_report.summary(plan, found)
+    summary = tally.summary(plan, found)
     assert (summary["runs"], summary["distinct"], summary["failure_rate"]["of"]) == (4, 2, 2)
     assert [(g["runs"], g["distinct"], g["failure_rate"]["of"]) for g in summary["groups"]] == [(2, 1, 1)] * 2
     assert len(summary["worst"]) == 2

@@ -21,7 +21,7 @@ from mjmerge.cli import main
 from mjmerge.config import shipped
 from mjmerge.errors import OutputError
 from mjmerge.simulation.trace import Stop
-from mjmerge.sweep import campaign
+from mjmerge.sweep import campaign, tally
 from mjmerge.sweep import report as sweep_report
 from mjmerge.sweep.folder import SHARDS, TABLE, code_files, identity
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, rows
@@ -302,9 +302,9 @@ def test_a_run_without_data_or_that_stopped_has_failed_and_a_vacuous_one_counts_
     found = rows(trace, judge(trace, np.array([[0.1, 1.0], *[[1.0, 1.0]] * 3])))
     assert [row["outcome"] for row in found] == [PASSED, EMPTY, FAILED, FAILED]
     assert [row["min_distance_m"] for row in found] == [0.3, 1.0, 1.0, None]
-    rate = sweep_report.failure_rate(found)
+    rate = tally.failure_rate(found)
     assert (rate.count, rate.of) == (2, 3)
-    assert sweep_report.worst(found)[0] is found[3]
+    assert tally.worst(found)[0] is found[3]
 
 
 def test_shards_are_of_much_the_same_size_and_bounded_in_ticks(file):
