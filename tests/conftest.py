@@ -19,9 +19,15 @@ settings.register_profile("mjmerge", deadline=None, derandomize=True, max_exampl
 settings.load_profile("mjmerge")
 
 
+_OWN = {"driver": "{kind: 'mine.py:Mine', speed_mps: 2}", "metric": "mine.py:headway_s", "car": "./mine"}
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="the long versions of tests that have one")
     parser.addoption("--write", action="store_true", help="write what follows from the code")
+    for what, example in _OWN.items():
+        said = f"run the tests of every {what} over this one, such as {example}"
+        parser.addoption(f"--{what}", action="append", default=[], metavar="ONE", help=said)
 
 
 @pytest.fixture

@@ -1,14 +1,11 @@
 """Drivers: what every kind promises, and what each profile is."""
 
-from dataclasses import replace
-from itertools import product
 from math import pi, sin, sqrt
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from mjmerge.config.units import rescaled
 from mjmerge.drivers import Along, Traffic, kinds
@@ -33,73 +30,12 @@ def generators(seeds):
     return [np.random.default_rng(s) for s in seeds]
 
 
-def columns(*cars):
-    """The arrays of what a driver is shown."""
-    return [a for car in cars for a in (car.position_m, car.speed_mps, car.acceleration_mps2)]
-
-
-def one(car, row):
-    """One simulation of a car."""
-    return replace(car, **{name: a[row] for name, a in vars(car).items() if isinstance(a, np.ndarray)})
-
-
 def moving(runs, seed=0):
     """A follower some metres behind a leader, in many simulations."""
     rng = np.random.default_rng(seed)
     own = Along(rng.uniform(-4, -1, runs), rng.uniform(1, 3, runs), np.zeros(runs), 0.1, 0.5)
     motion = rng.uniform(0, 1, runs), rng.uniform(1, 3, runs), rng.uniform(-1, 1, runs)
     return own, Along(*motion, 0.1, 0.5)
-
-
-@pytest.mark.parametrize("kind", sorted(kinds()))
-@pytest.mark.parametrize("runs", [1, 3])
-@pytest.mark.parametrize("hold_s", [0.0, 0.01, 1.0])
-def test_every_kind_gives_one_finite_acceleration_per_simulation(kind, runs, hold_s):
-    driver = example(kind)
-    drawn = driver.draw(generators(range(runs)), 10.0)
-    own, leader = moving(runs)
-    for time_s, ahead in product((0.0, 0.5, 7.3, 10.0), (leader, None) if driver.can_lead else (leader,)):
-        u = driver.acceleration_mps2(time_s, own, ahead, drawn, hold_s)
-        assert u.shape == (runs,)
-        assert u.dtype == np.float64
-        assert np.isfinite(u).all()
-
-
-@pytest.mark.parametrize("kind", sorted(kinds()))
-def test_every_kind_answers_the_same_to_the_same_question_and_leaves_it_alone(kind):
-    driver = example(kind)
-    drawn = driver.draw(generators(range(4)), 10.0)
-    own, leader = moving(4)
-    before = [a.copy() for a in columns(own, leader)]
-    kept = None if drawn is None else drawn.copy()
-    late, early = (driver.acceleration_mps2(t, own, leader, drawn) for t in (9.0, 2.0))
-    assert np.array_equal(driver.acceleration_mps2(9.0, own, leader, drawn), late)
-    assert np.array_equal(driver.acceleration_mps2(2.0, own, leader, drawn), early)
-    for old, new in zip(before, columns(own, leader), strict=True):
-        assert np.array_equal(old, new)
-    assert kept is None or np.array_equal(kept, drawn)
-
-
-@pytest.mark.parametrize("kind", sorted(kinds()))
-def test_every_kind_is_frozen(kind):
-    driver = example(kind)
-    for name in type(driver).model_fields:
-        with pytest.raises(ValidationError, match="frozen"):
-            setattr(driver, name, 3.0)
-
-
-@pytest.mark.parametrize("kind", sorted(kinds()))
-def test_every_kind_does_in_a_batch_what_it_does_alone(kind):
-    driver = example(kind)
-    together = driver.draw(generators(range(5)), 10.0)
-    own, leader = moving(5)
-    u = driver.acceleration_mps2(3.0, own, leader, together)
-    for i in range(5):
-        row = slice(i, i + 1)
-        alone = driver.draw(generators([i]), 10.0)
-        assert (alone is None) == (together is None)
-        assert alone is None or np.array_equal(alone[0], together[i])
-        assert driver.acceleration_mps2(3.0, one(own, row), one(leader, row), alone)[0] == u[i]
 
 
 PAPER = load("paper").drivers.vehicle_2

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from mjmerge.config import shipped
 from mjmerge.world.compose import single
 
 
-@pytest.fixture(scope="module", params=sorted(shipped.models()))
-def car(request):
-    """Name of a model."""
-    return request.param
+def pytest_generate_tests(metafunc):
+    """Every shipped model, or those that ``pytest tests/physics --car ./mine`` names."""
+    if "car" in metafunc.fixturenames:
+        cars = [str(Path(car).resolve()) for car in metafunc.config.getoption("--car")]
+        metafunc.parametrize("car", cars or sorted(shipped.models()), scope="module")
 
 
 @pytest.fixture(scope="module")
