@@ -114,9 +114,7 @@ class Scene:
         """Args: the composed world; radius of the safety discs, m."""
         self._model = model
         self.r_m = r_m
-        names = [model.material(m).name for m in range(model.nmat)]
-        painted = [name.removesuffix("/paint") for name in names if name.endswith("/paint")]
-        self.cars = tuple(car for car in painted if car == EGO or slot(car) is not None)
+        self.cars = cars_in(model)
         self.paint = {car: np.asarray(model.material(f"{car}/paint").rgba, float) for car in self.cars}
         self._data = data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -182,6 +180,13 @@ class Scene:
         pos_m[:, -2, :2] = block.columns["target_m"][ticks]
         pos_m[:, -1, 0] = block.columns["front_m"][ticks, 0, 0]
         return pos_m.astype(np.float32).astype(float), quat.astype(np.float32).astype(float)
+
+
+def cars_in(model: mujoco.MjModel) -> tuple[str, ...]:
+    """The cars of a composed world, in its order: what has paint under the name of one."""
+    names = [model.material(m).name for m in range(model.nmat)]
+    painted = [name.removesuffix("/paint") for name in names if name.endswith("/paint")]
+    return tuple(car for car in painted if car == EGO or slot(car) is not None)
 
 
 def closeness(distance_m: Array, r_m: float) -> NDArray[np.int64]:

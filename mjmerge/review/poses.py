@@ -24,7 +24,7 @@ from mjmerge.record.mcap.reader import mcap_messages
 from mjmerge.record.read import Recorded
 from mjmerge.record.recording import Header, Outcome, PosedBlock
 from mjmerge.record.rerun.reader import rrd_batches, time_ns_of
-from mjmerge.record.scene import Frame, Scene
+from mjmerge.record.scene import Frame, Scene, cars_in
 from mjmerge.review.claims import what_follows
 from mjmerge.review.derived import cars_of
 from mjmerge.roster import EGO, slot
@@ -46,9 +46,11 @@ def header(found: Recorded) -> Header:
     """What was known of the run before it started.
 
     Raises:
-        UnreadableError: there is no world in it, or none that compiles.
+        UnreadableError: there is no world in it, none that compiles, or one of other cars.
     """
     model = compiled(found.path, found.world_xml)
+    if cars_in(model) != found.roster.cars:
+        raise UnreadableError(found.path, "its world has other cars than its manifest")
     return Header(
         scenario=found.scenario(),
         scenario_yaml=found.scenario_yaml,

@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from mjmerge.cli import main
 from mjmerge.drivers import ahead
@@ -25,6 +26,7 @@ from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import COLUMNS
 from mjmerge.verdict.judge import judge
+from tests.recording import rewrite
 
 COUNTS = (3, 4, 6, 9)
 BEYOND_M = ((2.0, 1.2), (2.0, 0.0), (-5.0, 1.2), (-5.5, 0.0), (4.0, 0.0), (4.0, 1.2))
@@ -208,6 +210,23 @@ def test_recordings_of_many_verify_replay_and_come_back(cars, plant, tmp_path):
         assert replay(out / name).same
     said = json.loads((out / "summary.json").read_text())
     assert list(said["min_distance_m"]) == list(roster(cars - 1).neighbours)
+
+
+@pytest.mark.parametrize("name", ["scenario.yaml", "world.xml", "manifest.json"])
+def test_a_recording_whose_parts_do_not_have_the_same_cars_is_never_right(name, tmp_path, capsys):
+    for cars in (4, 6):
+        (tmp_path / f"{cars}.yaml").write_text(dump(crowd(cars, 0.1)))
+        with pytest.raises(SystemExit):
+            main(["run", str(tmp_path / f"{cars}.yaml"), "--out", str(tmp_path / str(cars))])
+    with (tmp_path / "6/run.mcap").open("rb") as file:
+        other = {a.name: a.data for a in make_reader(file).iter_attachments()}
+    forged = rewrite.mcap(tmp_path / "4/run.mcap", tmp_path / "forged.mcap", attachments={name: other[name]})
+    for command in ("verify", "replay", "recover", "convert --csv", "video"):
+        word, *options = command.split()
+        with pytest.raises(SystemExit) as ended:
+            main([word, str(forged), *options])
+        assert ended.value.code in ((0, 2) if word == "convert" else (1, 2)), command  # it judges nothing
+    capsys.readouterr()
 
 
 @pytest.mark.parametrize(
