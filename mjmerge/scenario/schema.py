@@ -138,7 +138,7 @@ class Expect(Frozen):
     """What must come out for exit code 0."""
 
     min_distance_m: Floor = Floor()
-    """Safety floor on min over t of d_1 and d_2, m. Whatever it says, d_j <= 0 and touching bodies fail."""
+    """Safety floor on min over t of every d_j, m. Whatever it says, d_j <= 0 and touching bodies fail."""
     metrics: dict[str, Bound] = Field(default_factory=dict)
     """Bounds of the scenario's own metrics, by name."""
 
@@ -163,7 +163,7 @@ class Check(Frozen):
     set: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Keys that are different in this row, as on the command line: mismatch.friction=0.3."""
     at_least_m: float
-    """Safety floor on d_1 and d_2, m: one-sided, set by hand."""
+    """Safety floor on every d_j, m: one-sided, set by hand."""
     metrics: dict[str, Bound] = Field(default_factory=dict)
     """Bounds of the scenario's own metrics in this row, by name."""
     needs: Annotated[tuple[Need, ...], Field(strict=False)] = ("barrier",)

@@ -1,6 +1,6 @@
 """Continuous time, the paper's own: law, opinion, mu, drivers and an ideal plant as one ODE.
 
-The state x is the plant's, then ln z, then mu. Positions are in a frame that moves at Vehicle 1's first
+The state x is the plant's, then ln z, then mu. Positions are in a frame that moves at the leader's first
 speed, so that the solver's accuracy is relative to the distances between the cars and not to the way they
 have come. With the logarithm z keeps its accuracy while it decays for minutes, never turns negative, and
 never underflows for good; z(0) = 0 stays 0, as in (zi-2).

@@ -1,6 +1,6 @@
 """The verdict on a run: what it says about the guarantee.
 
-The theorem says: from any safe state on, if its hypotheses hold, d_1 and d_2 stay positive. So a run is
+The theorem says: from any safe state on, if its hypotheses hold, every d_j stays positive. So a run is
 
 - ``held``: safe, and because of the barrier: without it the ideal plant comes to d_j <= 0, or within r and
   closer by more than a tenth of r (and a run that itself stays further than r away is not one that something
