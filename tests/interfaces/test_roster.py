@@ -221,11 +221,10 @@ def test_a_recording_whose_parts_do_not_have_the_same_cars_is_never_right(name, 
     with (tmp_path / "6/run.mcap").open("rb") as file:
         other = {a.name: a.data for a in make_reader(file).iter_attachments()}
     forged = rewrite.mcap(tmp_path / "4/run.mcap", tmp_path / "forged.mcap", attachments={name: other[name]})
-    for command in ("verify", "replay", "recover", "convert --csv", "video"):
-        word, *options = command.split()
+    for command in ("verify", "replay", "recover"):
         with pytest.raises(SystemExit) as ended:
-            main([word, str(forged), *options])
-        assert ended.value.code in ((0, 2) if word == "convert" else (1, 2)), command  # it judges nothing
+            main([command, str(forged)])
+        assert ended.value.code in (1, 2), command
     capsys.readouterr()
 
 
