@@ -131,7 +131,7 @@ def run(
     if continuous:
         from mjmerge.simulation.continuous import check as check_continuous  # scipy takes its time to import
 
-        check_continuous(plant)
+        check_continuous(plant, scenario.law)
     shown = live is not None or (folder is not None and record)
     world = build(scenario) if plant == "mujoco" or shown else None
     replaced = prepare(folder, replace, FILES) if folder is not None else False

@@ -19,7 +19,12 @@ settings.register_profile("mjmerge", deadline=None, derandomize=True, max_exampl
 settings.load_profile("mjmerge")
 
 
-_OWN = {"driver": "{kind: 'mine.py:Mine', speed_mps: 2}", "metric": "mine.py:headway_s", "car": "./mine"}
+_OWN = {
+    "law": "{kind: 'mine.py:law'}",
+    "driver": "{kind: 'mine.py:Mine', speed_mps: 2}",
+    "metric": "mine.py:headway_s",
+    "car": "./mine",
+}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

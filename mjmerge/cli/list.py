@@ -36,6 +36,9 @@ class List:
         from mjmerge.drivers import kinds
         from mjmerge.drivers.outside import GROUP
         from mjmerge.law import VARIANTS
+        from mjmerge.law import kinds as laws
+        from mjmerge.law.outside import DEFAULT as PAPER
+        from mjmerge.law.outside import GROUP as LAWS
         from mjmerge.plant import PLANTS
         from mjmerge.scenario.axis_tables import as_json
         from mjmerge.scenario.cars import data_sheet
@@ -56,7 +59,11 @@ class List:
             "scenarios": lambda: {name: load(name).description for name in shipped.scenarios()},
             "campaigns": lambda: {name: campaign_line(path) for name, path in shipped.campaigns().items()},
             "models": lambda: {name: described(name, folder) for name, folder in shipped.models().items()},
-            "laws": lambda: VARIANTS,
+            "laws": lambda: (
+                {name: first_line(cls.__doc__) for name, cls in laws().items()}
+                | {f"{PAPER}, variant {name}": line for name, line in VARIANTS.items()}
+                | {name: f"from outside: {value}" for name, value in sorted(installed(LAWS).items())}
+            ),
             "drivers": lambda: (
                 {
                     name: f"{first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"

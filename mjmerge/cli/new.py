@@ -14,9 +14,9 @@ from mjmerge.cli.options import Flag
 
 @dataclass(frozen=True)
 class New:
-    """Write a working, commented start: of a car (a folder), a driver, a metric, a scenario, a campaign."""
+    """Write a working, commented start of a car (a folder), law, driver, metric, scenario or campaign."""
 
-    what: Annotated[Literal["car", "driver", "metric", "scenario", "campaign"], tyro.conf.Positional]
+    what: Annotated[Literal["car", "law", "driver", "metric", "scenario", "campaign"], tyro.conf.Positional]
     """What to begin."""
     name: Annotated[str, tyro.conf.Positional]
     """What to call it: a letter, then letters, digits, _ and -."""

@@ -23,7 +23,7 @@ class _Spot(NamedTuple):
 
 
 def _spot(model: type[Frozen], location: tuple[int | str, ...]) -> _Spot:
-    """Follow a location through the schema; at a choice of drivers, pydantic puts the kind in between."""
+    """Follow a location through the schema; at a choice of kinds, pydantic puts the kind in between."""
     keys: list[str] = []
     field, holder, inside = "", model, [model]
     named = False  # whether the next part is a name that the user chose
@@ -45,7 +45,7 @@ def _spot(model: type[Frozen], location: tuple[int | str, ...]) -> _Spot:
 
 
 def _models_in(annotation: Any) -> Iterator[type[Frozen]]:
-    """The models that an annotation is made of: one for a section, several for a choice of drivers."""
+    """The models that an annotation is made of: one for a section, several for a choice of kinds."""
     if isinstance(annotation, type) and issubclass(annotation, Frozen):
         yield annotation
     for part in get_args(annotation):
@@ -97,7 +97,8 @@ def _explained(model: type[Frozen], error: ErrorDetails) -> tuple[str, str]:
         case "union_tag_invalid":
             kind = str(given["kind"])
             kinds = map(_kind, spot.inside)
-            return f"no driver kind called {kind!r}: {nearest(kind, kinds)}", f"{spot.key}.kind"
+            what = "law" if spot.key == "law" else "driver kind"
+            return f"no {what} called {kind!r}: {nearest(kind, kinds)}", f"{spot.key}.kind"
     if error["type"] in _MUST:
         must = _MUST[error["type"]].format(**error.get("ctx", {}))
     else:

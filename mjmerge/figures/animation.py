@@ -15,7 +15,7 @@ from mjmerge.scenario.cars import car_sheets
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.vehicle.datasheet import DataSheet
-from mjmerge.verdict.metrics import INTENT, merged_at_s
+from mjmerge.verdict.metrics import intends, merged_at_s
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +60,7 @@ def frames(trace: Trace, at: Sequence[int]) -> Iterator[Image]:
 
 def ticks(trace: Trace) -> list[int]:
     """The ticks that are shown: one every ``EVERY_S``, and the last."""
-    last = int(np.flatnonzero(~np.isnan(trace.opinion[0]))[-1])
+    last = int(np.flatnonzero(~np.isnan(trace.front_m[0, :, 0, 0]))[-1])
     every = max(1, round(EVERY_S / trace.scenario.control_step_s))
     return [*range(0, last, every), last]
 
@@ -131,7 +131,7 @@ def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
     (way,) = axes.plot([], [], color=COLOURS["ego"], linewidth=1, linestyle=":")
     (axles,) = axes.plot([], [], "k.", markersize=5, zorder=5)
     title = axes.text(0.02, 0.975, "", transform=axes.transAxes, va="top")
-    r = scenario.law.r_m
+    r = scenario.r_m
     discs = [Circle((0, 0), r, color=colour(car), alpha=0.22, linewidth=0) for car in there.neighbours]
     bodies = [Polygon(np.zeros((4, 2)), color=colour(car), zorder=4) for car in there.cars]
     for patch in (*discs, *bodies):
@@ -141,7 +141,7 @@ def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
         for name in ("ego", *(str(j) for j in range(1, len(there.cars))))
     ]
     outlines = [_outline(sheet) for sheet in car_sheets(scenario)]
-    merged = merged_at_s(trace)[0]
+    merged, means = merged_at_s(trace)[0], intends(trace)[0]
 
     def place(tick: int) -> None:
         x_1 = trace.front_m[0, tick, one, 0]
@@ -158,18 +158,23 @@ def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
             body.set_xy(corners)
             name.set_position(corners.T @ (0.18, 0.18, 0.32, 0.32))
         t = trace.time_s[tick]
-        what = "means to merge" if trace.weight[0, tick] > INTENT else "waits"
+        what = "means to merge" if means[tick] else "waits"
         title.set_text(f"{t:4.1f} s   the ego {'has merged' if t >= merged else what}")
 
     return [dashes, way, *discs, *bodies, axles, *names, title], place
 
 
 def draw_opinion(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
-    """Opinion over time, pale; what moves over it, and what moves that to a tick."""
-    axes.plot(trace.time_s, trace.opinion[0], color=OPINION, alpha=0.3)
-    axes.set_ylabel("opinion $z$")
+    """Opinion over time, pale; what moves over it, and what moves that to a tick.
+
+    Of a law that has none, its command along the road.
+    """
+    with_z = "weight" in trace.scenario.law.gives
+    shown = trace.opinion[0] if with_z else trace.u_mps2[0, :, 0, 0]
+    axes.plot(trace.time_s, shown, color=OPINION, alpha=0.3)
+    axes.set_ylabel("opinion $z$" if with_z else "$u$ along (m/s²)")
     axes.tick_params(labelbottom=False)
-    return _dots(axes, trace.time_s, trace.opinion[0][:, None], [OPINION])
+    return _dots(axes, trace.time_s, shown[:, None], [OPINION])
 
 
 def draw_distance(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, colour, save, sheet, words
+from mjmerge.law import OpinionDynamics, of_paper
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict.metrics import shared_ticks
@@ -29,9 +30,14 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     """Opinion, lateral positions and distances of one run."""
     figure, (opinion, lateral, distance) = sheet((1, 1, 1), 8.5)
     t = trace.time_s
-    opinion.plot(t, trace.opinion[run], color=OPINION, label="$z$")
-    opinion.plot(t, trace.mu[run], color=MU, linewidth=0.8, label="$\\mu$")
-    opinion.set_ylabel("opinion")
+    if "weight" in trace.scenario.law.gives:
+        opinion.plot(t, trace.opinion[run], color=OPINION, label="$z$")
+        opinion.plot(t, trace.mu[run], color=MU, linewidth=0.8, label="$\\mu$")
+        opinion.set_ylabel("opinion")
+    else:
+        opinion.plot(t, trace.u_mps2[run, :, 0, 0], color=OPINION, label="along")
+        opinion.plot(t, trace.u_mps2[run, :, 0, 1], color=MU, linewidth=0.8, label="across")
+        opinion.set_ylabel("command $u$ (m/s²)")
     for c, car in enumerate(trace.roster.cars):
         lateral.plot(t, trace.front_m[run, :, c, 1], color=colour(car), label=_name(car))
     lateral.set_ylabel("lateral position $\\eta^\\top p$ (m)")
@@ -39,7 +45,8 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     distance.set_xlabel("time (s)")
     for axes in (opinion, lateral, distance):
         axes.legend(loc="upper right", frameon=False)
-    figure.suptitle(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}")
+    law = "" if isinstance(trace.scenario.law, OpinionDynamics) else f", {words(trace.scenario.law.label)}"
+    figure.suptitle(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}{law}")
     return figure
 
 
@@ -50,7 +57,8 @@ def opinion(trace: Trace, ideal: Trace | None = None) -> Figure:
     t = trace.time_s
     _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
     _shade_closing(bottom, trace)
-    top.axhline(trace.scenario.law.k_s / trace.scenario.law.k_mu, color=MU, linestyle=":", label="$1/k_\\mu$")
+    paper = of_paper(trace.scenario.law)
+    top.axhline(paper.k_s / paper.k_mu, color=MU, linestyle=":", label="$1/k_\\mu$")
     law = trace.scenario.law
     lane = f"lane of Vehicles {law.j_1 + 1} and {law.j_2 + 1}"
     bottom.axhline(trace.front_m[0, 0, 1 + law.j_1, 1], color=LINE, label=lane)
@@ -110,14 +118,16 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
     figure, (opinion, lateral, distance, apart) = sheet((2, 2, 3, 1.5), 9.6)
     in_a, in_b = shared_ticks(a, b)
     style: tuple[dict[str, Any], ...] = (PALE, {})
+    with_z = all("weight" in trace.scenario.law.gives for trace in (a, b))
     for trace, label, how in zip((a, b), map(words, labels), style, strict=True):
-        opinion.plot(trace.time_s, trace.opinion[0], color=OPINION, label=label, **how)
+        shown = trace.opinion[0] if with_z else trace.u_mps2[0, :, 0, 0]
+        opinion.plot(trace.time_s, shown, color=OPINION, label=label, **how)
         lateral.plot(trace.time_s, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], label=label, **how)
     for trace, how in zip((a, b), style, strict=True):
         for j, car in enumerate(trace.roster.neighbours):
             name = f"$d_{j + 1}$ to {_name(car)}" if trace is b else None
             distance.plot(trace.time_s, trace.distance_m[0, :, j], color=colour(car), label=name, **how)
-    opinion.set_ylabel("opinion $z$")
+    opinion.set_ylabel("opinion $z$" if with_z else "command along (m/s²)")
     lateral.set_ylabel("ego's $\\eta^\\top p$ (m)")
     distance.set_ylabel("distance $d_j$ (m)")
     distance.axhline(0, color=LINE, linewidth=1)

@@ -1,12 +1,80 @@
-"""Laws. The paper's is in ``opinion_dynamics``, one file per part, and ``law.py``, which puts them together.
+"""Laws, one file or folder per kind: what the ego asks of its car, from what it senses.
 
-What each named reading of it is for stands in :data:`VARIANTS`; ``mjmerge list laws`` shows it.
+Add a kind by adding a file here with one subclass of :class:`Law` whose ``kind`` is a ``Literal``; it is
+found by itself, and its fields become keys of a scenario's section ``law``. A law of one's own needs no place
+here: a scenario names it as ``kind: mine.py:Name``, see ``outside.py``. The paper's is in
+``opinion_dynamics``, one file per part; what each named reading of it is for stands in :data:`VARIANTS`.
 """
 
 from __future__ import annotations
 
-from mjmerge.law.opinion_dynamics.law import Decision, Geometry, Sensed, decide, geometry
-from mjmerge.law.opinion_dynamics.opinion import advance, bifurcation_input
-from mjmerge.law.opinion_dynamics.variants import VARIANTS
+import importlib
+import pkgutil
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Union
 
-__all__ = ["VARIANTS", "Decision", "Geometry", "Sensed", "advance", "bifurcation_input", "decide", "geometry"]
+from pydantic import Field, PlainSerializer, WrapValidator
+
+from mjmerge.errors import MjmergeError
+from mjmerge.law.base import Decision, Flow, Law, Memory, Signal
+from mjmerge.law.opinion_dynamics.law import OpinionDynamics
+from mjmerge.law.opinion_dynamics.variants import VARIANTS
+from mjmerge.law.outside import AbsentLaw, OrOutside, Seen, as_mapping, decided, each_run, let_in, remembered
+from mjmerge.law.sensed import Geometry, Sensed, geometry
+
+__all__ = [
+    "VARIANTS",
+    "AbsentLaw",
+    "Decision",
+    "Flow",
+    "Geometry",
+    "Law",
+    "Memory",
+    "OpinionDynamics",
+    "Seen",
+    "Sensed",
+    "Signal",
+    "decided",
+    "each_run",
+    "geometry",
+    "kinds",
+    "of_paper",
+    "remembered",
+    "union",
+]
+
+
+def of_paper(law: Law) -> OpinionDynamics:
+    """The paper's law.
+
+    Raises:
+        MjmergeError: it is another.
+    """
+    if not isinstance(law, OpinionDynamics):
+        raise MjmergeError(f"this is about the paper's law, opinion_dynamics, and the law is {law.label}")
+    return law
+
+
+def kinds() -> Mapping[str, type[Law]]:
+    """Every kind of law in this folder, by name; the paper's first."""
+    for module in pkgutil.iter_modules(__path__):
+        importlib.import_module(f"{__name__}.{module.name}")
+    found = {OpinionDynamics.model_fields["kind"].default: OpinionDynamics}
+    ours = [cls for cls in _below(Law) if cls.__module__.startswith(f"{__name__}.")]
+    named = {cls: cls.model_fields["kind"].default for cls in ours}
+    shipped = {
+        kind: cls for cls, kind in named.items() if isinstance(kind, str) and cls.decide is not Law.decide
+    }
+    return found | dict(sorted(shipped.items()))
+
+
+def _below(cls: type[Any]) -> Iterator[type[Law]]:
+    for sub in cls.__subclasses__():
+        yield sub
+        yield from _below(sub)
+
+
+def union() -> Any:
+    """The pydantic type "any law, told apart by its ``kind``"; those from outside by its colon."""
+    shipped: Any = Annotated[Union[tuple(kinds().values())], Field(discriminator="kind")]  # noqa: UP007
+    return Annotated[shipped, WrapValidator(let_in), PlainSerializer(as_mapping), OrOutside]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjmerge.law import OpinionDynamics
 from mjmerge.law.opinion_dynamics.opinion import advance, rates
-from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.state import Array, Mask
 
 _STEP = 1e-4  # of the central difference, which is exact for a parabola
@@ -33,20 +33,20 @@ class Branches:
         return self.slope_per_s < 0
 
 
-def rate(law: Law, z: Array, mu: Array) -> Array:
+def rate(law: OpinionDynamics, z: Array, mu: Array) -> Array:
     """z', 1/s, of the shape that z and mu broadcast to."""
     growth, _ = rates(law, z, mu, np.zeros_like(mu))
     return z * growth
 
 
-def branches(law: Law, mu: Array) -> Branches:
+def branches(law: OpinionDynamics, mu: Array) -> Branches:
     """Equilibria and the sign of the derivative there, for each mu of (M,)."""
     z = np.stack([np.zeros_like(mu), mu], axis=1)
     slope = (rate(law, z + _STEP, mu[:, None]) - rate(law, z - _STEP, mu[:, None])) / (2 * _STEP)
     return Branches(mu, z, slope)
 
 
-def converging(law: Law, mu: Array, z_0: Array, time_s: Array) -> Array:
+def converging(law: OpinionDynamics, mu: Array, z_0: Array, time_s: Array) -> Array:
     """The opinion over time, as the simulation itself advances it, with mu held, (T, M, K).
 
     Args:

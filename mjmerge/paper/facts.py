@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjmerge.law import of_paper
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array, Mask
 from mjmerge.verdict.metrics import INTENT, MERGED_M, lateral_error_m, merged_at_s
@@ -70,7 +71,7 @@ def _opinion_range(pair: Pair) -> Finding:
 
 def _opinion_fades(pair: Pair) -> Finding:
     """Below 1 % of z(0), and never faster than (zi-2) can: |z'| <= 2/(eps k_mu^2) for z, |mu| <= 1/k_mu."""
-    trace, law = pair.barrier, pair.barrier.scenario.law
+    trace, law = pair.barrier, of_paper(pair.barrier.scenario.law)
     z = trace.opinion[0, trace.time_s <= _WAVERS_S]
     fastest = 2 * (law.k_s / law.k_mu) ** 2 / law.eps
     leap = np.abs(np.diff(z)).max()

@@ -16,6 +16,7 @@ import numpy as np
 from mjmerge.figures.animation import animate
 from mjmerge.figures.runs import distances, opinion
 from mjmerge.figures.style import save, save_columns, save_rows
+from mjmerge.law import of_paper
 from mjmerge.outputs import prepare, put
 from mjmerge.paper.bifurcation import Branches, branches, converging
 from mjmerge.paper.diagram import bifurcation, bifurcation_run
@@ -111,7 +112,7 @@ def write(
 ) -> None:
     """Figures with their numbers, the film, the tables of facts."""
     ideal, real = pairs[IDEAL], pairs[REAL]
-    law = ideal.barrier.scenario.law
+    law = of_paper(ideal.barrier.scenario.law)
     most = law.k_s / law.k_mu
     mu, time_s = most * _HELD_AT, np.linspace(0.0, _CONVERGES_S, 601)
     z = converging(law, mu, most * _FROM, time_s)

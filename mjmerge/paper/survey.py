@@ -111,7 +111,7 @@ def survey(
         merged += int((np.abs(trace.front_m[:, -1, 0, 1]) < 0.1).sum())
         if progress is not None:
             progress(len(found))
-    wrong = [d.wrong_sign_s for d in found if d.wrong_sign_s > 0]
+    wrong = [d.wrong_sign_s for d in found if d.wrong_sign_s]
     return Survey(
         variant=variant,
         runs=len(found),

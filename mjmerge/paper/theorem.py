@@ -26,9 +26,9 @@ import numpy as np
 from scipy.integrate import BDF
 from scipy.sparse import block_diag
 
-from mjmerge.law import Sensed, decide
+from mjmerge.law import OpinionDynamics, Sensed
+from mjmerge.law.opinion_dynamics.law import decide
 from mjmerge.law.opinion_dynamics.opinion import rates
-from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.state import Array, Mask, norm
 
 RTOL, ATOL = 1e-7, 1e-10
@@ -62,7 +62,7 @@ class Draw:
         takes: part of its slot that each move takes, (N, K - 1).
     """
 
-    law: Law
+    law: OpinionDynamics
     start: Array
     gaps_m: Array
     takes: Array
@@ -169,7 +169,7 @@ def draw(seed: int, duration_s: float, count: int = TOGETHER) -> Draw:
         count: how many share the gains.
     """
     rng = np.random.default_rng(seed)
-    paper = Law(r_rho_m=-1.0, r_eta_m=1.0)
+    paper = OpinionDynamics(r_rho_m=-1.0, r_eta_m=1.0)
     r = paper.r_m
     gains = {name: getattr(paper, name) * spread ** rng.uniform(-1, 1) for name, spread in _SPREAD.items()}
     slots = int(np.ceil(duration_s / _SLOT_S))
@@ -178,7 +178,7 @@ def draw(seed: int, duration_s: float, count: int = TOGETHER) -> Draw:
     # a move over dg in a time T peaks at 4 |dg|/T^2: as short as that allows, or longer
     shortest = np.sqrt(4 * np.abs(np.diff(gaps, axis=1)) / _LIMIT_MPS2) / _SLOT_S
     takes = np.maximum(rng.choice(_TAKES, shortest.shape), _TAKES[np.searchsorted(_TAKES[:-1], shortest)])
-    law = Law(
+    law = OpinionDynamics(
         r_rho_m=float(-rng.uniform(r, narrowest - r)),
         r_eta_m=float(rng.choice([-1, 1]) * rng.uniform(r, 3 * r)),
         **gains,
@@ -230,7 +230,7 @@ def shrink(world: Draw, duration_s: float) -> tuple[Draw, float]:
         world: one that does, N = 1.
         duration_s: how long it was run, s.
     """
-    paper = Law(r_rho_m=world.law.r_rho_m, r_eta_m=world.law.r_eta_m)
+    paper = OpinionDynamics(r_rho_m=world.law.r_rho_m, r_eta_m=world.law.r_eta_m)
     changed = True
     while changed:
         changed = False
@@ -241,7 +241,7 @@ def shrink(world: Draw, duration_s: float) -> tuple[Draw, float]:
     return world, duration_s
 
 
-def _simpler(world: Draw, duration_s: float, paper: Law) -> Iterator[tuple[Draw, float]]:
+def _simpler(world: Draw, duration_s: float, paper: OpinionDynamics) -> Iterator[tuple[Draw, float]]:
     """Worlds one step simpler than this one."""
     for name in type(paper).model_fields:
         if getattr(world.law, name) != getattr(paper, name):

@@ -14,8 +14,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
 from mjmerge.config.frozen import Frozen
+from mjmerge.law import Signal
+from mjmerge.law.outside import MOST_SIGNALS, is_name
 from mjmerge.plant import PLANTS
-from mjmerge.roster import EGO, MOST_CARS, Roster, roster, slot
+from mjmerge.roster import EGO, MOST_CARS, PER_NEIGHBOUR, XY, Axis, Roster, roster, slot
+from mjmerge.simulation.trace import COLUMNS, Column
 from mjmerge.vehicle.datasheet import DataSheet
 
 LARGEST_TEXT_BYTES = 8 * 2**20
@@ -25,6 +28,9 @@ DEEPEST = 20
 LARGEST_NUMBER = 10**308
 """Of a metric; whole numbers in JSON have no end."""
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
+
+
+_EVERY = {c.name for c in COLUMNS}
 
 
 class ContentError(ValueError):
@@ -71,6 +77,21 @@ class _Metric(Frozen):
     description: str
 
 
+def _a_signal(name: str) -> str:
+    if not is_name(name) or name == "time_s":
+        raise ValueError(f"no law can record {name[:40]!r}")
+    return name
+
+
+class _Column(Frozen):
+    """How a column of a law's own is declared."""
+
+    name: Annotated[str, AfterValidator(_a_signal)]
+    symbol: Annotated[str, Field(max_length=100)]
+    doc: Annotated[str, Field(max_length=2000)]
+    axes: Annotated[list[list[str]], Field(max_length=1)]
+
+
 class Manifest(Frozen):
     """Where a run comes from, as far as anything here relies on it; see ``record/manifest.py``."""
 
@@ -89,6 +110,7 @@ class Manifest(Frozen):
     acceptance: dict[str, _Accepted]
     conventions: dict[str, str]
     columns: list[dict[str, Any]]
+    asks: dict[str, Annotated[str, Field(max_length=2000)]] = Field(default_factory=dict)
     sheets: dict[str, DataSheet] | None = None
     code: dict[str, _Code] | None = None
     metrics: list[_Metric] = Field(default_factory=list)
@@ -148,6 +170,7 @@ def manifest_of(text: str) -> dict[str, Any]:
     there = roster_of(value)
     if valid.cars is not None and tuple(valid.cars) != there.cars:
         raise ContentError("manifest.json: cars: not an ego and numbered neighbours")
+    signals_of(value)
     if valid.sheets is not None and set(valid.sheets) != set(there.cars):
         raise ContentError("manifest.json: sheets: not one of each car")
     return value
@@ -156,6 +179,36 @@ def manifest_of(text: str) -> dict[str, Any]:
 def roster_of(manifest: Mapping[str, Any]) -> Roster:
     """Who is in a recording: as many as its manifest says, and two neighbours where it says nothing."""
     return roster(len(manifest.get("cars") or roster().cars) - 1)
+
+
+def signals_of(manifest: Mapping[str, Any]) -> tuple[Signal, ...]:
+    """What the law of a recording recorded of its own: whatever of its columns is not one of every trace.
+
+    Raises:
+        ContentError: it can be none.
+    """
+    there, asks = roster_of(manifest), manifest.get("asks") or {}
+    axes: dict[tuple[str, ...], Axis] = {there.neighbours: PER_NEIGHBOUR, XY: XY}
+    found: dict[str, Signal] = {}
+    for column in manifest["columns"]:
+        if column.get("name") in _EVERY:
+            continue
+        try:
+            valid = _Column.model_validate(column)
+        except ValidationError as invalid:
+            raise ContentError(f"manifest.json: columns: {_first(invalid)}") from invalid
+        name, of = valid.name, tuple(tuple(axis) for axis in valid.axes)
+        if name in found or not axes.keys() >= set(of):
+            raise ContentError(f"manifest.json: columns: {name} is there twice, or has axes that are none")
+        found[name] = Signal(name, valid.doc, valid.symbol, tuple(axes[a] for a in of), asks.get(name, ""))
+    if len(found) > MOST_SIGNALS:
+        raise ContentError(f"manifest.json: columns: more than {MOST_SIGNALS} signals")
+    return tuple(found.values())
+
+
+def own_columns(manifest: Mapping[str, Any]) -> tuple[Column, ...]:
+    """The same as columns."""
+    return tuple(Column(s.name, s.axes, s.symbol, s.doc, told=False) for s in signals_of(manifest))
 
 
 def summary_of(text: str) -> dict[str, Any] | None:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.record import content
 from mjmerge.state import Array
 
 Ticks = NDArray[np.int64]
@@ -42,9 +41,7 @@ class Found:
         """Leaves no series where one is missing that every tick needs, or is there that the run has not."""
         from mjmerge.record import schema
 
-        wanted = schema.Wire(content.roster_of(self.manifest)).kinds(
-            told=self.manifest.get("sensing") == "recorded"
-        )
+        wanted = schema.Wire.of(self.manifest).kinds(told=self.manifest.get("sensing") == "recorded")
         if not self.series or self.series.keys() == wanted.keys():
             return
         lacks = ", ".join(sorted(wanted.keys() - self.series.keys()))

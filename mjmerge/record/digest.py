@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from mjmerge.simulation.log import Block
-from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import Array
 
 
 class Digest:
     """SHA-256 of every column of a run, fed block by block: of the float64 as they are, little-endian."""
 
-    def __init__(self, texts: Mapping[str, str]) -> None:
-        """Args: texts that go with the run, by name."""
+    def __init__(self, texts: Mapping[str, str], columns: Iterable[str]) -> None:
+        """Args: texts that go with the run, by name; names of its columns."""
         self._texts = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
-        self._hashes = {name: hashlib.sha256() for name in ("time_s", *(c.name for c in COLUMNS))}
+        self._hashes = {name: hashlib.sha256() for name in ("time_s", *columns)}
 
     def add(self, block: Block) -> None:
         """Adds consecutive ticks."""
@@ -35,6 +34,6 @@ class Digest:
 
 def digests(columns: Mapping[str, Array], texts: Mapping[str, str]) -> dict[str, str]:
     """Of whole columns, each (T, ...), ``time_s`` among them, and of the texts that go with them, by name."""
-    whole = Digest(texts)
+    whole = Digest(texts, [name for name in columns if name != "time_s"])
     whole._add(columns)
     return whole.hex()

@@ -6,8 +6,6 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.simulation.trace import COLUMNS
-
 if TYPE_CHECKING:
     from mjmerge.record.recording import Header
 
@@ -35,7 +33,10 @@ def canonical(of: Mapping[str, Any]) -> str:
 def manifest(header: Header) -> dict[str, Any]:
     """All of it as one JSON-able mapping, with nothing that changes from run to run."""
     there = header.scenario.roster
-    columns = [{"name": c.name, "symbol": c.symbol, "doc": c.doc, "axes": c.names(there)} for c in COLUMNS]
+    columns = [
+        {"name": c.name, "symbol": c.symbol, "doc": c.doc, "axes": c.names(there)} for c in header.columns
+    ]
+    asks = {s.name: s.asks for s in header.scenario.law.signals if s.asks}
     return {
         "schema_version": SCHEMA_VERSION,
         "cars": list(there.cars),
@@ -52,5 +53,6 @@ def manifest(header: Header) -> dict[str, Any]:
         "conventions": CONVENTIONS,
         "columns": columns,
         **({"code": {name: dict(of) for name, of in header.code.items()}} if header.code else {}),
+        **({"asks": asks} if asks else {}),
         **({"metrics": [dict(metric) for metric in header.metrics]} if header.metrics else {}),
     }

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from mjmerge.record.schema import LAW_TOPIC, car_topic
-from mjmerge.roster import WHEELS, Roster
+from mjmerge.law import OpinionDynamics
+from mjmerge.record.schema import LAW_TOPIC, SIGNAL_TOPIC, car_topic
+from mjmerge.roster import WHEELS, Roster, along
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array
 
@@ -21,6 +22,7 @@ _WHITE, _VIOLET, _GREY, _RED, _DARK_RED = (
     (235, 80, 80),
     (165, 95, 95),
 )
+_SIGNALS: tuple[Color, ...] = (_WHITE, _VIOLET, (255, 210, 90), (110, 200, 255), (130, 220, 130))
 _WHEEL_COLORS: tuple[Color, ...] = ((250, 170, 90), (250, 220, 120), (90, 170, 240), (130, 220, 240))
 
 
@@ -93,15 +95,32 @@ def main(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
             tuple(Line(f"to {_said(c)}", color, LAW_TOPIC, f"clearance_m.ego_{c}") for _, c, color in around),
             (Level("contact", _RED, 0.0),),
         ),
-        Plot(
+        *_of_law(scenario, paint),
+    ]
+
+
+def _of_law(scenario: Scenario, paint: Mapping[str, Array]) -> Iterator[Plot]:
+    """What the law has in mind: the paper's opinion, and the signals of any other."""
+    if isinstance(scenario.law, OpinionDynamics):
+        yield Plot(
             "Opinion z, mu, weight w of the merge",
             (
                 Line("z", _WHITE, LAW_TOPIC, "opinion"),
                 Line("mu", _VIOLET, LAW_TOPIC, "mu"),
                 Line("w", (255, 210, 90), LAW_TOPIC, "weight"),
             ),
-        ),
-    ]
+        )
+    lines: list[Line] = []
+    for signal in scenario.law.signals:
+        called = signal.symbol or signal.name
+        of = along(signal.axes, scenario.roster)
+        if not of:
+            lines.append(Line(called, _SIGNALS[len(lines) % len(_SIGNALS)], SIGNAL_TOPIC, signal.name))
+        for part in of[0] if of else ():
+            own = rgb(paint[part]) if part in paint else _SIGNALS[len(lines) % len(_SIGNALS)]
+            lines.append(Line(f"{called} {_said(part)}", own, SIGNAL_TOPIC, f"{signal.name}.{part}"))
+    if lines:
+        yield Plot("Signals of the law", tuple(lines))
 
 
 def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
@@ -139,7 +158,7 @@ def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
         Plot(
             "Gap, m",
             (Line("dbar", _WHITE, LAW_TOPIC, "gap_m"),),
-            (Level("2 r", _RED, 2 * scenario.law.r_m),),
+            (Level("2 r", _RED, 2 * scenario.r_m),),
         ),
         Plot(
             "Impact, N s",

@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from mjmerge.config.document import parse
 from mjmerge.errors import ScenarioError, UnreadableError
+from mjmerge.law import AbsentLaw
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.contents import Found, Said, Ticks
@@ -29,7 +30,7 @@ from mjmerge.roster import Roster, slot
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import COLUMNS, Stop, Trace, the_truth
+from mjmerge.simulation.trace import COLUMNS, Stop, Trace, signals_of, the_truth
 from mjmerge.state import NS_PER_S, Array
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -63,7 +64,7 @@ class Recorded:
         ticks: the ticks that every series has, (T,).
         time_ns: their times, (T,).
         own_time_s: what each series says itself that its times are, s, (T,).
-        columns: each column of ``COLUMNS`` and ``time_s`` at those ticks, (T, ...); what is not there is left
+        columns: each column of the trace and ``time_s`` at those ticks, (T, ...); what is not there is left
             out, and a file of another schema has none.
     """
 
@@ -102,7 +103,8 @@ class Recorded:
         """The attached scenario.
 
         Args:
-            code: whether drivers from outside are let in, as they are here; see :func:`~mjmerge.load`.
+            code: whether drivers and a law from outside are let in, as they are here; see
+                :func:`~mjmerge.load`.
 
         Raises:
             UnreadableError: it is damaged, or none that this version can run.
@@ -117,6 +119,9 @@ class Recorded:
             rest = f", and {len(more)} more problems" if more else ""
             why = f"its scenario cannot be run: {first.key + ': ' if first.key else ''}{first.message}{rest}"
             raise UnreadableError(self.path, why) from error
+        if isinstance(scenario.law, AbsentLaw):
+            law = scenario.law.with_signals(content.signals_of(self.manifest))
+            scenario = scenario.model_copy(update={"law": law})
         if scenario.roster != self.roster:
             raise UnreadableError(self.path, "its scenario has other cars than its manifest")
         scenario = scenario.named(str(self.manifest["scenario"]))
@@ -171,14 +176,16 @@ class Recorded:
             UnreadableError: a column is missing, or the scenario is none that this version can run.
         """
         scenario = self.scenario()
-        missing = [c.name for c in COLUMNS if c.name not in self.columns]
+        every = (*COLUMNS, *signals_of(scenario.law))
+        missing = [c.name for c in every if c.name not in self.columns]
         if missing or not len(self.ticks):
             raise UnreadableError(self.path, f"it lacks {', '.join(missing) or 'any tick'}")
         inside = (self.ticks >= 0) & (self.ticks < scenario.ticks)
         columns: dict[str, Any] = {}
-        for c in COLUMNS:
+        for c in every:
             columns[c.name] = np.full((1, scenario.ticks, *c.shape(self.roster)), np.nan)
             columns[c.name][0, self.ticks[inside]] = self.columns[c.name][inside]
+        own = {c.name: columns.pop(c.name) for c in signals_of(scenario.law)}
         stops = (self.summary or {}).get("stops", ())
         return Trace(
             scenario=scenario,
@@ -193,6 +200,7 @@ class Recorded:
             continuous=bool(self.manifest["continuous"]),
             time_s=np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s,
             **columns,
+            signals=own,
         )
 
 
@@ -241,7 +249,7 @@ def read(path: Path, *, wary: bool = True) -> Recorded:
         times = grids[first][1][rows[first]]
         values = {name: series[rows[name]] for name, (_, _, series) in found.series.items()}
         own_time_s = {name: series[:, 0] for name, series in values.items()}
-        columns = _split(values, content.roster_of(found.manifest), _leader(found.texts["scenario.yaml"]))
+        columns = _split(values, found.manifest, _leader(found.texts["scenario.yaml"]))
     return Recorded(
         path=path,
         kind=kind,
@@ -307,21 +315,23 @@ def _leader(scenario_yaml: str) -> int:
     return (slot(name) if isinstance(name, str) else None) or 0
 
 
-def _split(series: Mapping[str, Array], there: Roster, j_1: int) -> dict[str, Array]:
+def _split(series: Mapping[str, Array], manifest: Mapping[str, Any], j_1: int) -> dict[str, Array]:
     """Columns from the numbers of each topic, which are in the order of its message.
 
     Args:
         series: those numbers.
-        there: who is in it.
+        manifest: where the run comes from.
         j_1: where the law's leader is along the axis of neighbours.
     """
     from mjmerge.record import schema
 
-    law = series[schema.LAW_TOPIC]
+    there, law = content.roster_of(manifest), series[schema.LAW_TOPIC]
     cars = np.stack([series[schema.car_topic(car)] for car in there.cars], axis=1)
     columns = {"time_s": law[:, 0]}
     parts = [(law, schema.LAW_COLUMNS, 0), (cars, schema.CAR_COLUMNS, 1)]
     told = series.get(schema.TOLD_TOPIC)
+    if schema.SIGNAL_TOPIC in series:
+        parts.append((series[schema.SIGNAL_TOPIC], content.own_columns(manifest), 0))
     if told is not None:
         parts.append((told, schema.TOLD_COLUMNS, 0))
     for values, declared, leading in parts:

@@ -20,6 +20,7 @@ from mjmerge.record.scene import Scene
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.log import Block
 from mjmerge.simulation.sensing import exact
+from mjmerge.simulation.trace import COLUMNS, Column, signals_of
 from mjmerge.state import Array, nanoseconds
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.verdict.metrics import Event
@@ -65,6 +66,16 @@ class Header:
     acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     code: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     metrics: Sequence[Mapping[str, str]] = ()
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns of the run, those of the law's own signals last."""
+        return (*COLUMNS, *self.signals)
+
+    @property
+    def signals(self) -> tuple[Column, ...]:
+        """Those of the law's own signals."""
+        return signals_of(self.scenario.law)
 
     @property
     def told(self) -> bool:
@@ -151,7 +162,7 @@ class Keep:
 
     def __init__(self, header: Header) -> None:
         """Args: what is known of the run."""
-        self._scene = Scene(header.model, header.scenario.law.r_m)
+        self._scene = Scene(header.model, header.scenario.r_m)
         self._step_s = header.control_step_s
         self._parts: list[PosedBlock] = []
 
@@ -201,8 +212,8 @@ class Recording:
         self._folder = folder
         self._header = header
         self._factories = factories
-        self._scene = Scene(header.model, header.scenario.law.r_m)
-        self._digest = Digest(header.texts)
+        self._scene = Scene(header.model, header.scenario.r_m)
+        self._digest = Digest(header.texts, [c.name for c in header.columns])
         self._live: dict[str, Recorder] = {}
         self._failed: dict[str, str] = {}
 

@@ -7,7 +7,7 @@ its ghost. Sizes come from the geometry and from r, so that every scale is drawn
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -177,9 +177,15 @@ class Scene:
             pos_m[k, :bodies] = xpos[self._bodies]
             quat[k, :bodies] = xquat[self._bodies]
         pos_m[:, bodies : bodies + len(self.cars), :2] = block.columns["front_m"][ticks]
-        pos_m[:, -2, :2] = block.columns["target_m"][ticks]
+        pos_m[:, -2, :2] = aim_m(block.columns)[ticks]
         pos_m[:, -1, 0] = block.columns["front_m"][ticks, 0, 0]
         return pos_m.astype(np.float32).astype(float), quat.astype(np.float32).astype(float)
+
+
+def aim_m(columns: Mapping[str, Array]) -> Array:
+    """Where the ghost is, m, (T, 2): at the law's target; at the ego itself under a law that has none."""
+    target: Array = columns["target_m"]
+    return np.where(np.isnan(target), columns["front_m"][:, 0], target)
 
 
 def cars_in(model: mujoco.MjModel) -> tuple[str, ...]:

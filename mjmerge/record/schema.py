@@ -3,20 +3,23 @@
 ``LawState`` holds the columns about the law and the pair distances, ``CarState`` those that each car has. A
 column with named components is a message of doubles: ``/law.distance_m.vehicle_1``,
 ``/car/ego.torque_n_m.front_left``. How many components there are follows from who is there: a :class:`Wire`
-is the messages of one roster. ``mjmerge_v2.proto`` beside this file is :func:`proto_text`, published: that of
+is the messages of one roster. ``SignalState`` holds what a law records of its own, and is there only where it
+does. ``mjmerge_v2.proto`` beside this file is :func:`proto_text`, published: that of
 an ego and two neighbours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 
+from mjmerge.record import content
 from mjmerge.record.manifest import SCHEMA_VERSION, SCHEMA_VERSIONS
 from mjmerge.record.mcap.wire import Layout
 from mjmerge.roster import (
@@ -36,8 +39,8 @@ from mjmerge.simulation.log import Block
 from mjmerge.simulation.trace import COLUMNS, Column
 from mjmerge.state import Array
 
-LAW_MESSAGE, CAR_MESSAGE, TOLD_MESSAGE = "LawState", "CarState", "ToldState"
-LAW_TOPIC, TOLD_TOPIC = "/law", "/told"
+LAW_MESSAGE, CAR_MESSAGE, TOLD_MESSAGE, SIGNAL_MESSAGE = "LawState", "CarState", "ToldState", "SignalState"
+LAW_TOPIC, TOLD_TOPIC, SIGNAL_TOPIC = "/law", "/told", "/signals"
 _CAR_TOPIC = "/car/"
 
 LAW_COLUMNS = tuple(c for c in COLUMNS if c.axes[:1] != (PER_CAR,) and not c.told)
@@ -93,7 +96,7 @@ def message_of(topic: str) -> str | None:
     car = topic.removeprefix(_CAR_TOPIC) if topic.startswith(_CAR_TOPIC) else ""
     if car == EGO or slot(car) is not None:
         return CAR_MESSAGE
-    return {LAW_TOPIC: LAW_MESSAGE, TOLD_TOPIC: TOLD_MESSAGE}.get(topic)
+    return {LAW_TOPIC: LAW_MESSAGE, TOLD_TOPIC: TOLD_MESSAGE, SIGNAL_TOPIC: SIGNAL_MESSAGE}.get(topic)
 
 
 def names_of(message: str) -> tuple[str, ...]:
@@ -103,19 +106,27 @@ def names_of(message: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Wire:
-    """The messages of the cars that are there."""
+    """The messages of the cars that are there, and of the law's own signals."""
 
     roster: Roster
+    signals: tuple[Column, ...] = ()
+
+    @classmethod
+    def of(cls, manifest: Mapping[str, Any]) -> Wire:
+        """Those of a recording, by its manifest."""
+        return cls(content.roster_of(manifest), content.own_columns(manifest))
 
     def kinds(self, *, told: bool = True) -> dict[str, str]:
         """The topics that carry our messages, and which; ``told`` where the ego is not told the truth."""
         found = {LAW_TOPIC: LAW_MESSAGE} | {car_topic(car): CAR_MESSAGE for car in self.roster.cars}
+        found |= {SIGNAL_TOPIC: SIGNAL_MESSAGE} if self.signals else {}
         return found | {TOLD_TOPIC: TOLD_MESSAGE} if told else found
 
     @property
     def messages(self) -> dict[str, tuple[Field, ...]]:
         """The fields of every message, in order."""
-        return _messages(self.roster)
+        found = _messages(self.roster)
+        return found | {SIGNAL_MESSAGE: _fields(self.signals, 0, self.roster)} if self.signals else found
 
     def layout(self, message: str) -> Layout:
         """How a message lies on the wire; its doubles are in the order of its fields."""
@@ -132,7 +143,7 @@ class Wire:
         count, cars = len(block.ticks), self.roster.cars
         car = next((index for index, name in enumerate(cars) if topic == car_topic(name)), None)
         if car is None:
-            columns = LAW_COLUMNS if topic == LAW_TOPIC else TOLD_COLUMNS
+            columns = {LAW_TOPIC: LAW_COLUMNS, SIGNAL_TOPIC: self.signals}.get(topic, TOLD_COLUMNS)
             parts = [block.columns[c.name].reshape(count, -1) for c in columns]
         else:
             parts = [block.columns[c.name][:, car].reshape(count, -1) for c in CAR_COLUMNS]
@@ -182,6 +193,7 @@ def proto_text() -> str:
         "// What mjmerge records besides Foxglove's own messages. Generated from the columns of its trace.",
         f"// {LAW_TOPIC} carries {LAW_MESSAGE}, {car_topic('<car>')} carries {CAR_MESSAGE}; SI, road frame.",
         f"// {TOLD_TOPIC} carries {TOLD_MESSAGE}, where the ego was not told the truth.",
+        f"// {SIGNAL_TOPIC} carries {SIGNAL_MESSAGE}, of a law that records more: its fields are that law's.",
         "// This is for two neighbours; with more, Neighbours, Pairs and CarVectors have more fields.",
         "",
         'syntax = "proto3";',

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mjmerge.drivers import Absent
+from mjmerge.law import AbsentLaw
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, differing, some
 from mjmerge.simulation.trace import Trace
@@ -83,12 +84,13 @@ def claims(found: Recorded, trace: Trace, verdict: Verdict) -> Iterator[Check]:
 
 
 def unknown(trace: Trace) -> list[str]:
-    """Drivers whose code is not here, so that what the barrier was worth cannot be asked."""
-    return [driver.kind for driver in trace.scenario.neighbours if isinstance(driver, Absent)]
+    """Drivers and law whose code is not here, so that what the barrier was worth cannot be asked."""
+    found = [driver.kind for driver in trace.scenario.neighbours if isinstance(driver, Absent)]
+    return found + [trace.scenario.law.kind] * isinstance(trace.scenario.law, AbsentLaw)
 
 
 def allow(found: Recorded, claimed: Mapping[str, Any], expected: dict[str, Any]) -> None:
-    """Lets a safe run claim, without its drivers' code, that the barrier was needed or was not."""
+    """Lets a safe run claim, without its drivers' and law's code, that the barrier was needed or not."""
     if expected["verdict"] != VACUOUS or found.verdict not in (HELD, VACUOUS):
         return
     expected["verdict"], expected["verdicts"] = found.verdict, {found.verdict: 1}

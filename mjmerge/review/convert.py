@@ -15,6 +15,7 @@ import numpy as np
 from mjmerge.errors import UnreadableError
 from mjmerge.figures.style import save_columns
 from mjmerge.outputs import whole
+from mjmerge.record import content
 from mjmerge.record.read import Recorded
 from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import Array
@@ -31,7 +32,7 @@ def flat(found: Recorded) -> dict[str, Array]:
             found.path, f"no columns that this mjmerge knows (schema {found.schema_version})"
         )
     out = {"time_s": np.ascontiguousarray(found.columns["time_s"])}
-    for column in COLUMNS:
+    for column in (*COLUMNS, *content.own_columns(found.manifest)):
         values = found.columns[column.name]
         for index in product(*map(range, column.shape(found.roster))):
             parts = [axis[i] for axis, i in zip(column.names(found.roster), index, strict=True)]

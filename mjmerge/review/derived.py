@@ -16,8 +16,8 @@ from pydantic import PrivateAttr
 
 from mjmerge.config.acts import LIMITS
 from mjmerge.drivers import Absent, Along, Driver, Traffic
-from mjmerge.law import Sensed, advance, decide
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law import AbsentLaw, Decision, Law, Memory, Sensed
+from mjmerge.law import geometry as seen_geometry
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
@@ -95,7 +95,7 @@ def _start(found: Recorded, trace: Trace) -> Check:
     """The first tick is the scenario's beginning."""
     if found.ticks[0] != 0:
         return Check("start", False, f"it begins at {found.ticks[0] * found.step_s:.2f} s")
-    initial, c = trace.scenario.initial, found.columns
+    c = found.columns
     starts = trace.scenario.starts
     speed = np.array([start.speed_mps for start in starts])
     none = np.zeros(len(starts))
@@ -105,8 +105,7 @@ def _start(found: Recorded, trace: Trace) -> Check:
         "heading_rad": none,
         "speed_mps": speed,
         "steer_rad": none,
-        "opinion": np.array(initial.z),
-        "mu": np.array(initial.mu),
+        **{name: value[0] for name, value in _memory(trace.scenario.law, trace).items()},
     }
     if trace.plant == "double_integrator":  # a point turns with its velocity, and has no wheels
         expected |= {
@@ -118,6 +117,11 @@ def _start(found: Recorded, trace: Trace) -> Check:
     here = {name: c[name][:1] for name in expected}
     wrong, _ = compared(here, first, np.zeros(1), _RELATIVE, 1e-6)
     return checked("start", wrong, "positions, speeds, z and mu as the scenario begins")
+
+
+def _memory(law: Law, trace: Trace) -> Memory:
+    """What the law begins with, as far as it is recorded, each (1,)."""
+    return law.start(1, trace.scenario.initial.opinion) if law.remembers else {}
 
 
 def _distances(found: Recorded, trace: Trace) -> Check:
@@ -166,35 +170,33 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
     """
     c, law = found.columns, trace.scenario.law
     u_j, stand = _neighbours(found, trace, cars)
-    told = decide(
-        law,
-        Sensed(
-            p=c["sensed_front_m"][:, 0],
-            v=c["sensed_velocity_mps"][:, 0],
-            p_j=c["sensed_front_m"][:, 1:],
-            v_j=c["sensed_velocity_mps"][:, 1:],
-            u_1=c["sensed_leader_mps2"],
-        ),
-        c["opinion"],
+    sensed = Sensed(
+        p=c["sensed_front_m"][:, 0],
+        v=c["sensed_velocity_mps"][:, 0],
+        p_j=c["sensed_front_m"][:, 1:],
+        v_j=c["sensed_velocity_mps"][:, 1:],
+        u_1=c["sensed_leader_mps2"],
     )
+    seen_as = seen_geometry(law, sensed)
+    u_0, signals = c["u_mps2"][:, 0], {}  # a law whose code is not let in decided what it did
+    if not isinstance(law, AbsentLaw):
+        step_s = 0.0 if trace.continuous else found.step_s
+        decision = law.decide(sensed, {name: c[name] for name in law.remembers}, step_s)
+        u_0, signals = decision.u, dict(decision.signals)
     heading, speed, steer = c["heading_rad"].copy(), c["speed_mps"].copy(), c["steer_rad"].copy()
     heading[:, 0], speed[:, 0] = c["sensed_heading_rad"], c["sensed_speed_mps"]
     steer[:, 0] = c["sensed_steer_rad"]
     seen = replace(cars, heading_rad=heading, speed_mps=speed, steer_rad=steer)
-    u = np.concatenate([told.u[:, None], u_j], axis=1)
+    u = np.concatenate([u_0[:, None], u_j], axis=1)
     actuated = _actuated(seen, u, stand, found, trace)
     for k, driver in enumerate(trace.scenario.neighbours, 1):
         if isinstance(driver, Absent):  # when it means to stand is its own
             for name in ("torque_n_m", "torque_clipped_n_m"):
                 actuated[name][:, k] = c[name][:, k]
     return {
-        "weight": told.w,
-        "mu_input_per_s": told.mu_input,
-        "sensed_distance_m": told.geometry.d,
-        "sensed_distance_rate_mps": told.geometry.d_dot,
-        "target_m": told.target,
-        "u_n_mps2": told.u_n,
-        "u_c_mps2": told.u_c,
+        **signals,
+        "sensed_distance_m": seen_as.d,
+        "sensed_distance_rate_mps": seen_as.d_dot,
         "u_mps2": u,
         **actuated,
     }
@@ -270,9 +272,11 @@ def _opinion(found: Recorded, trace: Trace) -> Check:
     if trace.continuous:
         return Check("opinion", None, "not checked: in continuous time it has no steps")
     c, law, step_s = found.columns, trace.scenario.law, trace.scenario.control_step_s
+    if not law.remembers:
+        return Check("opinion", None, "not checked: the law records nothing that it remembers")
     before = np.flatnonzero(np.diff(found.ticks) == 1)
-    z, mu = advance(law, c["opinion"][before], c["mu"][before], c["mu_input_per_s"][before], step_s)
-    expected = {"opinion": z, "mu": mu}
+    told = Decision(c["u_mps2"][before, 0], {name: c[name][before] for name in law.gives})
+    expected = law.advance({name: c[name][before] for name in law.remembers}, told, step_s)
     return _check(
         "opinion", "z and mu, each from the tick before", found, expected, _RELATIVE, 1e-12, before + 1
     )

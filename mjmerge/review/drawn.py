@@ -63,7 +63,7 @@ def drawn(found: Recorded, trace: Trace) -> Iterator[Check]:
     """
     try:
         about = header(found)
-        scene = Scene(about.model, about.scenario.law.r_m)
+        scene = Scene(about.model, about.scenario.r_m)
     except (UnreadableError, KeyError) as error:
         yield Check("world", False, str(error).replace(f"cannot read {found.path}: ", ""))
         return

@@ -24,12 +24,12 @@ from mjmerge.record.mcap.reader import mcap_messages
 from mjmerge.record.read import Recorded
 from mjmerge.record.recording import Header, Outcome, PosedBlock
 from mjmerge.record.rerun.reader import rrd_batches, time_ns_of
-from mjmerge.record.scene import Frame, Scene, cars_in
+from mjmerge.record.scene import Frame, Scene, aim_m, cars_in
 from mjmerge.review.claims import what_follows
 from mjmerge.review.derived import cars_of
 from mjmerge.roster import EGO, slot
 from mjmerge.simulation.log import Block
-from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array, Cars
 from mjmerge.vehicle.actuation import ackermann
 from mjmerge.verdict.judge import judge
@@ -84,7 +84,7 @@ def posed(found: Recorded, about: Header, scene: Scene) -> PosedBlock:
     block = Block(
         ticks=found.ticks,
         time_s=found.columns["time_s"],
-        columns={c.name: found.columns[c.name] for c in COLUMNS},
+        columns={name: values for name, values in found.columns.items() if name != "time_s"},
         qpos=np.empty((len(found.ticks), 0)),
     )
     drawn = scene.drawn(block, about.control_step_s)
@@ -166,7 +166,7 @@ def _mark(found: Recorded, frame: Frame, rows: NDArray[np.intp]) -> Array:
     if kind == "axles":
         out[:, :2] = found.columns["front_m"][rows, _owner(name)]
     elif kind == "law":
-        out[:, :2] = found.columns["target_m"][rows]
+        out[:, :2] = aim_m(found.columns)[rows]
     else:
         out[:, 0] = found.columns["front_m"][rows, 0, 0]
     rounded: Array = out.astype(np.float32).astype(float)
@@ -198,7 +198,7 @@ def standing_poses(found: Recorded, about: Header, rows: NDArray[np.intp]) -> di
         {name: found.columns[name][rows] for name in ("front_m", "target_m")},
         standing(world, part),
     )
-    scene = Scene(about.model, about.scenario.law.r_m)
+    scene = Scene(about.model, about.scenario.r_m)
     both = np.concatenate(scene.poses(block, np.arange(len(rows))), axis=-1)
     return {frame.name: both[:, f] for f, frame in enumerate(scene.frames)}
 

@@ -48,7 +48,7 @@ def recover(path: Path, out: Path) -> Recorded:
     if found.finished and found.verdict is not None and not found.fault:
         raise MjmergeError(f"{path} is whole: there is nothing to recover")
     about = header(found)
-    scene = Scene(about.model, about.scenario.law.r_m)
+    scene = Scene(about.model, about.scenario.r_m)
     block = posed(found, about, scene)
     trace = found.run()
     missing = np.flatnonzero(np.isnan(trace.front_m[0, :, 0, 0]))

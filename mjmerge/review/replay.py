@@ -17,6 +17,8 @@ from mjmerge.config import shipped
 from mjmerge.config.doors import DoorError, code_of
 from mjmerge.drivers import Absent
 from mjmerge.errors import MjmergeError, UnknownNameError, UnreadableError
+from mjmerge.law import AbsentLaw
+from mjmerge.record import content
 from mjmerge.record.attached import compiled
 from mjmerge.record.read import Recorded, read
 from mjmerge.review.check import differing
@@ -26,7 +28,7 @@ from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.metrics import find, metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
-from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.simulation.trace import Trace, signals_of
 from mjmerge.state import NS_PER_S, Array
 from mjmerge.verdict.judge import judge
 from mjmerge.verdict.own import run
@@ -106,7 +108,9 @@ class Replayed:
         found, out = self.recorded, []
         if self.same:
             part = "" if found.verdict is not None else f", as far as it goes ({found.last_s:.2f} s)"
-            out.append(f"same, bit for bit: {len(found.ticks)} ticks of {len(COLUMNS)} columns{part}")
+            out.append(
+                f"same, bit for bit: {len(found.ticks)} ticks of {len(found.columns) - 1} columns{part}"
+            )
         if self.lengths is not None:
             out.append(f"DIFFERENT: {self.lengths[0]} ticks in the file, {self.lengths[1]} in the run again")
         for d in self.differences[:_MOST_NAMED]:
@@ -176,9 +180,14 @@ def replay(
     odd = len(found.ticks) != ran or not inside.all()
     lengths = (int(inside.sum()), ran) if whole and odd else None
     differences = []
-    for column in COLUMNS:
+    own = {c.name for c in signals_of(scenario.law)}
+    if own != {c.name for c in content.own_columns(found.manifest)}:
+        raise UnreadableError(
+            path, f"its law {scenario.law.label} records other signals here than in the file"
+        )
+    for column in again.columns:
         there = found.columns[column.name][inside]
-        new = getattr(again, column.name)[0, found.ticks[inside]]
+        new = again.column(column.name)[0, found.ticks[inside]]
         difference = _difference(column.name, there, new, found.time_ns[inside] / NS_PER_S)
         if difference is not None:
             differences.append(difference)
@@ -203,12 +212,14 @@ def _check_code(found: Recorded, any_code: bool) -> None:
     Raises:
         UnreadableError: it is not.
     """
-    for driver in found.scenario().neighbours:
-        if not isinstance(driver, Absent):
-            continue
-        why = _other_code(found, driver.kind, any_code)
+    scenario = found.scenario()
+    named = {driver.kind: "driver" for driver in scenario.neighbours if isinstance(driver, Absent)}
+    if isinstance(scenario.law, AbsentLaw):
+        named[scenario.law.kind] = "law"
+    for kind, what in named.items():
+        why = _other_code(found, kind, any_code)
         if why:
-            raise UnreadableError(found.path, f"its driver {driver.kind} {why}")
+            raise UnreadableError(found.path, f"its {what} {kind} {why}")
 
 
 def _metrics(found: Recorded, again: Trace, any_code: bool) -> tuple[dict[str, Array], tuple[str, ...]]:

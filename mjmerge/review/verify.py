@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mjmerge.law import AbsentLaw, Law
 from mjmerge.record.digest import digests
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSIONS
 from mjmerge.record.read import Recorded, read
@@ -23,7 +24,7 @@ from mjmerge.review.derived import derived, geometry
 from mjmerge.review.drawn import drawn
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.simulation.trace import COLUMNS, Trace, signals_of
 from mjmerge.state import NS_PER_S
 from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
@@ -97,7 +98,7 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     if not schema.right:
         return
     yield _contents(found)
-    yield (columns := _columns(found))
+    yield (columns := _columns(found, found.scenario().law))
     yield _versions(found)
     if not columns.right:
         return
@@ -119,13 +120,14 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
 
 def _not_derived(trace: Trace) -> str:
     """What does not follow from the rest of this file."""
-    names = own.names(trace.scenario)
-    if not names:
+    names, what = own.names(trace.scenario), []
+    if isinstance(trace.scenario.law, AbsentLaw):
+        what.append(f"what the law {trace.scenario.law.label} decides")
+    if names:
+        what.append(f"what the scenario's own metrics came to ({', '.join(names)})")
+    if not what:
         return NOT_DERIVED
-    return (
-        f"what the scenario's own metrics came to ({', '.join(names)}): their code is in the file and is "
-        f"never run from it; {NOT_DERIVED}"
-    )
+    return f"{', and '.join(what)}: their code is in the file and is never run from it; {NOT_DERIVED}"
 
 
 def _file(found: Recorded) -> Check:
@@ -165,9 +167,9 @@ def _contents(found: Recorded) -> Check:
     return checked("contents", wrong, "all there, once, and as its index says")
 
 
-def _columns(found: Recorded) -> Check:
+def _columns(found: Recorded, law: Law) -> Check:
     """Names with their units, axes and conventions are ours, and all of them are there."""
-    ours = {c.name: [list(axis) for axis in c.names(found.roster)] for c in COLUMNS}
+    ours = {c.name: [list(axis) for axis in c.names(found.roster)] for c in (*COLUMNS, *signals_of(law))}
     claimed = {str(c.get("name", "")): c.get("axes") for c in found.manifest["columns"]}
     wrong = sorted(n for n in ours.keys() | claimed.keys() if ours.get(n) != claimed.get(n))
     if wrong:

@@ -26,7 +26,7 @@ from mjmerge.figures.style import words
 from mjmerge.outputs import no_room, whole
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import NS_PER_S, Array
-from mjmerge.verdict.metrics import INTENT, merged_at_s
+from mjmerge.verdict.metrics import intends, merged_at_s
 
 if TYPE_CHECKING:
     import mujoco
@@ -193,7 +193,7 @@ def render(recording: Path, out: Path, options: Options) -> Iterator[float]:
 
     found = read(recording)
     about, trace = header(found), found.trace()
-    scene = Scene(about.model, about.scenario.law.r_m)
+    scene = Scene(about.model, about.scenario.r_m)
     count = int(found.last_s * options.fps / options.speed) + 1
     wanted_ns = np.arange(count) * (NS_PER_S * options.speed / options.fps)
     rows = np.clip(np.searchsorted(found.time_ns, wanted_ns - 0.5e9 * found.step_s), 0, len(found.ticks) - 1)
@@ -235,7 +235,7 @@ class Stage:
         mujoco.mj_forward(model, self._data)
         self._lights_m = self._data.light_xpos[:, 0].copy()
         self._renderer = mujoco.Renderer(model, height, width)
-        self._trace, self._r_m = trace, trace.scenario.law.r_m
+        self._trace, self._r_m = trace, trace.scenario.r_m
         self._camera = mujoco.MjvCamera()
         self._camera.azimuth, self._camera.elevation, distance = _VIEWS[camera]
         self._camera.distance = distance * self._r_m
@@ -299,6 +299,7 @@ class Panel:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
+        self._means = intends(trace)[0]
         from mjmerge.figures.animation import both, draw_distance, draw_opinion
 
         self._trace, self._merged = trace, merged_at_s(trace)[0]
@@ -321,7 +322,7 @@ class Panel:
         self._canvas.restore_region(self._still)
         self._move(tick)
         t = self._trace.time_s[tick]
-        means = self._trace.weight[0, tick] > INTENT
+        means = self._means[tick]
         what = "has merged" if t >= self._merged else "means to merge" if means else "waits"
         self._clock.set_text(f"{t:.2f} s   the ego {what}")
         for artist in self._moving:

@@ -55,7 +55,7 @@ def write_view(mcap: Path, rrd: Path) -> None:
         raise UnreadableError(mcap, "there is not a whole tick in it")
     model = compiled(mcap, found.world_xml)
     scenario = found.scenario()
-    scene = Scene(model, scenario.law.r_m)
+    scene = Scene(model, scenario.r_m)
     stream = new_stream(APPLICATION)
     blueprint = layout.blueprint(scenario, scene.paint, timeline=layout.MCAP_TIME)
     save(stream, rrd, blueprint)
@@ -73,7 +73,7 @@ def write_view(mcap: Path, rrd: Path) -> None:
         moves_with = rr.CoordinateFrame(frames.get(entity.rpartition("/")[0], WORLD))
         stream.log(entity, what, moves_with, static=True)
     which = plots.everything(scenario, scene.paint)
-    for entity, what in [*still_states(), *still_levels(which)]:
+    for entity, what in [*still_states(scenario), *still_levels(which)]:
         stream.log(entity, what, static=True)
     time = layout.MCAP_TIME
     send_states(stream, found.states, time)

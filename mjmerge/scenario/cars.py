@@ -58,6 +58,6 @@ def believed_sheets(scenario: Scenario) -> list[DataSheet]:
 
 def codes(scenario: Scenario) -> tuple[Code, ...]:
     """The code from outside that a scenario runs, each once."""
-    kinds = dict.fromkeys(driver.kind for driver in scenario.neighbours)
+    kinds = dict.fromkeys((scenario.law.kind, *(driver.kind for driver in scenario.neighbours)))
     found = [code_of(kind) for kind in kinds if from_outside(kind)]
     return (*found, *(code for code in scenario.metric_codes if code not in found))

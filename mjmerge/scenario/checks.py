@@ -15,7 +15,7 @@ from typing import Any
 from mjmerge.config.bounds import MOST_METRICS, MOST_ROWS, MOST_TICKS
 from mjmerge.drivers import ahead, ask, kinds
 from mjmerge.errors import Problem, nearest
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law import Law
 from mjmerge.roster import neighbour, roster
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Check, Drivers, Expect, Initial, Models
@@ -52,12 +52,10 @@ def _steps(duration_s: float, control_step_s: float, physics_step_s: float) -> I
         )
 
 
-def _variant(law: Law) -> Iterator[Problem]:
-    """The law's variant exists, and its parts combine."""
-    from mjmerge.law.opinion_dynamics.variants import complaints  # further down the flow than a scenario
-
-    for complaint in complaints(law.variant):
-        yield Problem(complaint, "law.variant")
+def _law(law: Law) -> Iterator[Problem]:
+    """What the law finds wrong with itself."""
+    for key, message in law.problems():
+        yield Problem(message, f"law.{key}")
 
 
 def _distances(initial: Initial, law: Law) -> Iterator[Problem]:
@@ -89,12 +87,13 @@ def _order_and_gap(initial: Initial, law: Law) -> Iterator[Problem]:
             f"{two} must start behind {one}: its x is {x_2} m, and {one}'s is {x_1} m",
             f"initial.{two}.front_m",
         )
-    if law.r_rho_m >= 0:
+    r_rho_m = getattr(law, "r_rho_m", None)
+    if r_rho_m is not None and r_rho_m >= 0:
         yield Problem(
-            f"must be negative, got {law.r_rho_m}: rho points forward and the target is behind {one}",
+            f"must be negative, got {r_rho_m}: rho points forward and the target is behind {one}",
             "law.r_rho_m",
         )
-    if x_2 >= x_1 or law.r_rho_m >= 0:
+    if x_2 >= x_1 or (r_rho_m is not None and r_rho_m >= 0):
         return
     gap = dist(first, second)
     furthest = gap - law.r_m
@@ -104,9 +103,9 @@ def _order_and_gap(initial: Initial, law: Law) -> Iterator[Problem]:
             f"2 r_m = {2 * law.r_m:g} m to have room for the target; move {two} back",
             f"initial.{two}.front_m",
         )
-    elif not law.r_m < -law.r_rho_m < furthest:
+    elif r_rho_m is not None and not law.r_m < -r_rho_m < furthest:
         yield Problem(
-            f"the target is {-law.r_rho_m} m behind {one}, closer than r_m = {law.r_m} m to a neighbour "
+            f"the target is {-r_rho_m} m behind {one}, closer than r_m = {law.r_m} m to a neighbour "
             f"(the gap is {gap:g} m at the start); choose between {-furthest:g} and {-law.r_m}",
             "law.r_rho_m",
         )
@@ -237,7 +236,7 @@ _CHECKS = (
     _driven,
     _modelled,
     _steps,
-    _variant,
+    _law,
     _distances,
     _order_and_gap,
     _bodies,

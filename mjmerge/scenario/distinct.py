@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from mjmerge.config import shipped
 from mjmerge.config.acts import BODIES
 from mjmerge.drivers import ask
+from mjmerge.law import OpinionDynamics
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.effect import acting, declared
 from mjmerge.scenario.mismatch import Mismatch
@@ -83,8 +84,10 @@ def _content(batch: Batch) -> str:
         "mismatch": Mismatch(),
         "belief": scenario.belief.model_copy(update=believed),
         "models": scenario.models.model_copy(update=where),
-        "law": scenario.law.model_copy(update={"variant": "+".join(sorted(scenario.law.variant.split("+")))}),
     }
+    if isinstance(scenario.law, OpinionDynamics):
+        variant = "+".join(sorted(scenario.law.variant.split("+")))
+        plain["law"] = scenario.law.model_copy(update={"variant": variant})
     return f"{batch.plant} {batch.continuous}\n{scenario.model_copy(update=plain).model_dump_json()}"
 
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from mjmerge.config.acts import Acts
 from mjmerge.config.frozen import Frozen
 from mjmerge.errors import Problem, ScenarioError
+from mjmerge.law import kinds as laws
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 
@@ -32,7 +33,7 @@ class _Key(NamedTuple):
     def value(self, scenario: Scenario) -> Any:
         value: Any = scenario
         for part in self.parts:
-            value = getattr(value, part)
+            value = getattr(value, part, self.default)  # a law of another kind has it not
         return value
 
 
@@ -49,6 +50,9 @@ def _below(model: type[Frozen], above: tuple[str, ...]) -> Iterator[_Key]:
             yield _Key(".".join(parts), parts, field.default, acts)
         elif isinstance(field.annotation, type) and issubclass(field.annotation, Frozen):
             yield from _below(field.annotation, parts)
+        elif name == "law":
+            found = {key.name: key for kind in laws().values() for key in _below(kind, parts)}
+            yield from found.values()
 
 
 def declared() -> dict[str, Acts]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.representer import SafeRepresenter
 
@@ -21,6 +22,11 @@ from mjmerge.config.read import file_of, raise_problems, read, validated, valida
 from mjmerge.drivers import Absent, kinds
 from mjmerge.drivers.outside import GROUP, brought
 from mjmerge.errors import MjmergeError, ModelError, ScenarioError, UnknownNameError
+from mjmerge.law import AbsentLaw, Sensed
+from mjmerge.law import kinds as laws
+from mjmerge.law.outside import GROUP as LAWS
+from mjmerge.law.outside import brought as law_brought
+from mjmerge.law.outside import rehearse
 from mjmerge.roster import in_order
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.checks import check
@@ -46,8 +52,9 @@ def load(
             which one of them is without effect will refuse to run the scenario.
         sheets: data sheet of each car at its size, where they are known already, from a recording: no model
             is looked for, and no metric.
-        code: whether drivers from outside are let in; otherwise they are :class:`~mjmerge.drivers.Absent`,
-            and metrics are not looked for.
+        code: whether drivers and a law from outside are let in; otherwise they are
+            :class:`~mjmerge.drivers.Absent` and :class:`~mjmerge.law.AbsentLaw`, and metrics are not
+            looked for.
 
     Raises:
         ScenarioError: with every problem found, each with its key and line.
@@ -70,6 +77,7 @@ def load(
         for text in overrides:
             document.override(text)
         _let_in(document, near, code)
+        _law(document, near, code)
 
     sections: dict[str, Any] = {}
     scenario = validated(Scenario, document, sections)
@@ -88,6 +96,9 @@ def load(
         document.report(problem.message, problem.key)
     raise_problems(where, document)
     assert scenario is not None, "what is not valid has problems"
+    if code and from_outside(scenario.law.kind):
+        _rehearse(scenario, document)
+        raise_problems(where, document)
     found = {key: sections[key] for key in ("models", "metrics")}
     loaded = (
         scenario.model_copy(update=found).named(name).giving(document.given).with_metric_codes(tuple(codes))
@@ -152,6 +163,50 @@ def _let_in(document: Document, near: Path | None, code: bool) -> None:
             drivers[car] = UNREADABLE
             continue
         drivers[car] = validated_part(model, given | {"kind": found}, document, where) or UNREADABLE
+
+
+def _law(document: Document, near: Path | None, code: bool) -> None:
+    """Puts a law from outside in the place of its keys; problems are reported.
+
+    Where the kind was given beside a file, the file's keys that only another law has are left out.
+    """
+    given = document.value.get("law")
+    kind = given.get("kind") if isinstance(given, dict) else None
+    if not isinstance(kind, str):
+        return
+    shipped = laws()
+    try:
+        found = kind if kind in shipped or not code else located(kind, near, LAWS)
+        if kind not in shipped and not from_outside(found):
+            return
+        model = shipped[kind] if kind in shipped else law_brought(found) if code else AbsentLaw
+    except DoorError as error:
+        document.report(str(error), "law.kind")
+        document.value["law"] = UNREADABLE
+        return
+    beside = {key.partition(".")[2] for key in document.given if key.startswith("law.")}
+    if "kind" in beside:
+        given = {key: value for key, value in given.items() if key in beside or key in model.model_fields}
+    document.value["law"] = given | {"kind": found}
+    if kind not in shipped:
+        document.value["law"] = validated_part(model, given | {"kind": found}, document, "law") or UNREADABLE
+
+
+def _rehearse(scenario: Scenario, document: Document) -> None:
+    """Asks a law from outside what it would do at the start; problems are reported."""
+    front_m = np.array([[start.front_m for start in scenario.starts]])
+    velocity_mps = np.array([[(start.speed_mps, 0.0) for start in scenario.starts]])
+    seen = Sensed(
+        p=front_m[:, 0],
+        v=velocity_mps[:, 0],
+        p_j=front_m[:, 1:],
+        v_j=velocity_mps[:, 1:],
+        u_1=np.zeros((1, 2)),
+    )
+    try:
+        rehearse(scenario.law, seen, scenario.initial.opinion, scenario.control_step_s)
+    except DoorError as error:
+        document.report(str(error), "law.kind")
 
 
 def _models(

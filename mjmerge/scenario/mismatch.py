@@ -52,7 +52,7 @@ def _slips(scenario: Any) -> bool:
 
 def _listens(scenario: Any) -> bool:
     """The law's variant takes the leader's acceleration for what it is told."""
-    return "no_u1" not in scenario.law.variant.split("+")
+    return "no_u1" not in getattr(scenario.law, "variant", "").split("+")
 
 
 def _told(scenario: Any) -> bool:

@@ -14,21 +14,23 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
 from mjmerge import drivers as _drivers
+from mjmerge import law as _laws
 from mjmerge.config.acts import BODIES, LIMITS, WHEELS, Acts
 from mjmerge.config.bounds import LONGEST_S
 from mjmerge.config.doors import Code
 from mjmerge.config.frozen import Frozen, Further, NonNegative, PerCar, Positive
 from mjmerge.config.units import Unit, rescaled
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
-from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.roster import EGO, Roster, in_order
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.vehicle.datasheet import DataSheet
 
 if TYPE_CHECKING:
     DriverSpec = _drivers.Driver
+    LawSpec = _laws.Law
 else:
     DriverSpec = _drivers.union()
+    LawSpec = _laws.union()
 
 Need = Literal["barrier", "grip"]
 _TWO = ("vehicle_1", "vehicle_2")
@@ -58,6 +60,11 @@ class Initial(PerCar):
     """Opinion z(0); the paper asks for a small positive number."""
     mu: float = 0.0
     """Bifurcation parameter mu(0), 1."""
+
+    @property
+    def opinion(self) -> dict[str, float]:
+        """What a law may begin with: z(0) and mu(0)."""
+        return {"z": self.z, "mu": self.mu}
 
     @property
     def roster(self) -> Roster:
@@ -188,7 +195,7 @@ class Scenario(Frozen):
     )
     """Time step of the physics, s; the control step is a whole multiple of it."""
     initial: Initial
-    law: Law
+    law: LawSpec
     drivers: Drivers
     models: Models = Models()
     road: Road = Road()
@@ -221,6 +228,11 @@ class Scenario(Frozen):
         copy = self.model_copy()
         copy._name = name
         return copy
+
+    @property
+    def r_m(self) -> float:
+        """The margin r, m: every law is judged by the same one."""
+        return self.law.r_m
 
     @property
     def roster(self) -> Roster:

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 FILES = ("ladder.png", "ladder.csv", "ladder.md")
 """All that is written."""
 RUNGS = ("ideal", "held", "delayed", "bicycle", "limited", "MuJoCo", "tyre slip", "mismatch")
-"""From the proof to the car; the last only where the scenario has a mismatch of its own."""
+"""From the proof to the car; the first only of a law that has a continuous time, the last only where the
+scenario has a mismatch of its own."""
 NOMINAL_DELAY_S = 0.24
 """Dead time of the commands of a full-size car where the scenario has none, s (see ``docs/mismatch.md``)."""
 NOMINAL_DELAY_STEPS = 2
@@ -116,8 +117,12 @@ def climb(
         ("bodies, suspension, servos, friction", "mujoco", False, ideal),
         ("tyres that slip", "mujoco", False, late),
     ]
+    names = RUNGS[: len(steps)]
+    if scenario.law.flow() is None:  # it has no continuous time
+        names, steps = names[1:], steps[1:]
     if set(own) - {"command_delay_s"}:
         keys = {MISMATCH + k: v for k, v in own.items()} | {MISMATCH + "command_delay_s": delay_s}
+        names = (*names, RUNGS[-1])
         steps.append((f"its own: {', '.join(sorted(own))}", "mujoco", False, keys))
     cases = [
         batches.case(
@@ -129,7 +134,7 @@ def climb(
             continuous=continuous,
             lenient=True,
         )
-        for name, (_, plant, continuous, keys) in zip(RUNGS, steps, strict=False)
+        for name, (_, plant, continuous, keys) in zip(names, steps, strict=True)
     ]
     _refuse_what_is_in_vain(cases, whole, settings)
     rows = measured(planned("ladder", "", cases), team, progress).to_pylist()

@@ -11,9 +11,11 @@ from typing import Any
 
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, most_threads, whole
 from mjmerge.config.document import copied, described
+from mjmerge.config.doors import DoorError
 from mjmerge.config.frozen import Frozen, PerCar
 from mjmerge.config.read import raise_problems, validated
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, nearest
+from mjmerge.law import AbsentLaw
 from mjmerge.plant import PLANTS
 from mjmerge.roster import slot
 from mjmerge.scenario.checks import check
@@ -36,6 +38,10 @@ def check_scenario(given: object) -> None:
         as_name = repr(given) if isinstance(given, str) else '"paper"'
         raise MjmergeError(
             f"expected a scenario, got {described(given)}; pass one that was loaded: mjmerge.load({as_name})"
+        )
+    if isinstance(given.law, AbsentLaw):
+        raise DoorError(
+            f"what {given.law.kind} decides is not known without its code: it is from a recording"
         )
     where = f"scenario {given.name!r}, altered"
     strangers = list(_strangers(given, ""))

@@ -1,9 +1,9 @@
-"""Continuous time, the paper's own: law, opinion, mu, drivers and an ideal plant as one ODE.
+"""Continuous time, the paper's own: law, its memory, drivers and an ideal plant as one ODE.
 
-The state x is the plant's, then ln z, then mu. Positions are in a frame that moves at the leader's first
+The state x is the plant's, then the coordinates of the law's memory: of the paper's, ln z and mu.
+Positions are in a frame that moves at the leader's first
 speed, so that the solver's accuracy is relative to the distances between the cars and not to the way they
-have come. With the logarithm z keeps its accuracy while it decays for minutes, never turns negative, and
-never underflows for good; z(0) = 0 stays 0, as in (zi-2).
+have come.
 
 Each simulation is integrated by itself with DOP853, anew from every time at which a driver's intention may
 jump. Where the equation is stiff (the barrier's rate is k_o/d_j) and its steps become tiny, Radau takes over
@@ -25,10 +25,7 @@ from scipy.optimize import brentq
 from mjmerge.config.acts import listed
 from mjmerge.drivers import Traffic
 from mjmerge.errors import MjmergeError
-from mjmerge.law import Sensed, decide
-from mjmerge.law.opinion_dynamics.barrier import singular
-from mjmerge.law.opinion_dynamics.opinion import floored, rates
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law import Flow, Law, Memory, Sensed, decided
 from mjmerge.plant import Fault, Plant, Smooth, make
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
@@ -73,8 +70,8 @@ class Equation:
     """One simulation as x' = f(t, x)."""
 
     def __init__(self, scenario: Scenario, plant: str, traffic: Traffic, believed: BelievedCars) -> None:
-        self._law, self._mu_0 = scenario.law, scenario.initial.mu
-        self._z_0 = float(floored(scenario.law, np.array(scenario.initial.z)))
+        self._law, self._initial = scenario.law, scenario.initial.opinion
+        self._memory = _flow(scenario.law)
         self._traffic, self._believed, self._command = traffic, believed, _COMMANDS[plant]
         self._plant = cast("Smooth", make(plant, scenario, None, (scenario.mismatch,), threads=0))
         self._frame_mps = np.zeros(self._plant.state().shape[1:])
@@ -83,16 +80,16 @@ class Equation:
 
     def start(self) -> Array:
         """x(0), (K,)."""
-        ln_z = np.log(self._z_0) if self._z_0 > 0 else 0.0
-        return np.array([*self._plant.state().flat, ln_z, self._mu_0])
+        return np.array([*self._plant.state().flat, *self._memory.start(self._initial)])
 
-    def z(self, x: Array) -> Array:
-        """The opinion in x, (..., K) -> (...)."""
-        return floored(self._law, np.exp(x[..., -2])) if self._z_0 > 0 else np.zeros(x.shape[:-1])
+    def memory(self, x: Array) -> Memory:
+        """What the law remembers in x, (T, K) -> each (T, ...)."""
+        return self._memory.memory(x[:, self._frame_mps.size :])
 
     def motion(self, time_s: Array, x: Array) -> Array:
         """The plant's state in x, (T,) and (T, K) -> (T, C, K')."""
-        return x[:, :-2].reshape(-1, *self._frame_mps.shape) + time_s[:, None, None] * self._frame_mps
+        own = x[:, : self._frame_mps.size]
+        return own.reshape(-1, *self._frame_mps.shape) + time_s[:, None, None] * self._frame_mps
 
     def distance_m(self, x: Array) -> Array:
         """Every d_j in x, m, (K,) -> (C-1,)."""
@@ -112,13 +109,15 @@ class Equation:
         law, first, last = self._law, start_s + _BESIDE_S, end_s - _BESIDE_S
 
         def f(time_s: float, x: Array) -> Array:
-            cars, z = self._cars(time_s, x), self.z(x[None])
+            cars = self._cars(time_s, x)
             u_j = self._traffic.intend(cars, min(max(time_s, first), last))
-            decision = decide(law, Sensed.of(cars, u_j[:, law.j_1]), z)
+            seen = Sensed.of(cars, u_j[:, law.j_1])
+            decision = decided(law, seen, self.memory(x[None]), 0.0)
+            if decision.failed:
+                raise _StuckError(decision.failed[0])
             u = np.concatenate([decision.u[:, None], u_j], axis=1)
             motion = self._plant.rate(self._command(cars, u, self._believed, law)) - self._frame_mps
-            ln_z_rate, mu_rate = rates(law, z, x[-1:], decision.mu_input)
-            return np.concatenate([motion.ravel(), ln_z_rate, mu_rate])
+            return np.concatenate([motion.ravel(), self._memory.rates(x[motion.size :], decision)])
 
         return f
 
@@ -133,8 +132,7 @@ class Solution:
 
     Attributes:
         motion: the plant's state, (T, C, K).
-        z: opinion, (T,).
-        mu: bifurcation parameter, (T,).
+        memory: what the law remembers, each (T, ...).
         ticks: how many ticks it reached.
         end: why no more, in words; ``None`` if all.
         touched: whether that is d_j reaching 0, as far as the solver can tell.
@@ -142,8 +140,7 @@ class Solution:
     """
 
     motion: Array
-    z: Array
-    mu: Array
+    memory: Memory
     ticks: int
     end: str | None
     touched: bool
@@ -179,7 +176,7 @@ def integrate(
             for j in np.flatnonzero((d_before > near_m) & (d <= near_m)).tolist():
                 rate_before[j] = equation.distance_rate_mps(_when(equation, solver, j, near_m)[1])[j]
             reached = np.flatnonzero((d_before > least_m) & (d <= least_m)).tolist()
-            if singular(law) and reached:
+            if law.singular and reached:
                 touched = True
                 upto, x, j = min(
                     ((*_when(equation, solver, j, least_m), j) for j in reached), key=lambda found: found[0]
@@ -199,9 +196,7 @@ def integrate(
                 break
     except _StuckError as stuck:
         end = f"{stuck}, with {listed(tuple(f'd_{j} = {d_j:.3g} m' for j, d_j in enumerate(d, 1)))}"
-    return Solution(
-        equation.motion(time_s, samples), equation.z(samples), samples[:, -1], ticks, end, touched, crossing
-    )
+    return Solution(equation.motion(time_s, samples), equation.memory(samples), ticks, end, touched, crossing)
 
 
 class _StuckError(Exception):
@@ -251,22 +246,21 @@ def _when(equation: Equation, solver: OdeSolver, j: int, distance_m: float) -> t
     return at_s, curve(at_s)
 
 
-class Flow:
-    """The solutions of N simulations, played back as a plant and as the opinion's course."""
+class Played:
+    """The solutions of N simulations, played back as a plant and as the course of the law's memory."""
 
     limited = False
 
     def __init__(self, plant: Smooth, solutions: Sequence[Solution]) -> None:
         self._plant, self._solutions, self._tick = plant, solutions, 0
-        self._motion, self._z, self._mu = (
-            np.stack([getattr(s, name) for s in solutions], axis=1) for name in ("motion", "z", "mu")
-        )
+        self._motion = np.stack([s.motion for s in solutions], axis=1)
+        names = solutions[0].memory
+        self._memory = {name: np.stack([s.memory[name] for s in solutions], axis=1) for name in names}
 
-    def advance(self, law: Law, z: Array, mu: Array, mu_input: Array, step_s: float) -> tuple[Array, Array]:
-        """In place of :func:`mjmerge.law.advance`: z and mu at the next tick, as solved, each (N,)."""
-        del law, z, mu, mu_input, step_s
-        tick = min(self._tick + 1, len(self._z) - 1)
-        return self._z[tick], self._mu[tick]
+    def memory(self) -> Memory:
+        """In place of :meth:`Law.advance`: the memory at the next tick, as solved, each (N, ...)."""
+        tick = min(self._tick + 1, len(self._motion) - 1)
+        return {name: values[tick] for name, values in self._memory.items()}
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`."""
@@ -295,10 +289,26 @@ class Flow:
         return self._plant.qpos()
 
 
-def check(plant: str) -> None:
-    """Raises MjmergeError unless the plant is a differential equation."""
+def check(plant: str, law: Law) -> None:
+    """Raises MjmergeError unless plant and law are a differential equation."""
     if plant not in _COMMANDS:
         raise MjmergeError(f"{plant} has no continuous time; {' and '.join(_COMMANDS)} have")
+    _flow(law)
+
+
+def _flow(law: Law) -> Flow:
+    """The law's memory as part of the equation.
+
+    Raises:
+        MjmergeError: it has one, and says not how that changes.
+    """
+    flow = law.flow()
+    if flow is None:
+        raise MjmergeError(
+            f"the law {law.kind} has no continuous time: it may remember something, and nothing says at "
+            "which rate that changes (a class derived from mjmerge.law.Law can, with flow)"
+        )
+    return flow
 
 
 def solve(
@@ -309,7 +319,7 @@ def solve(
     believed: BelievedCars,
     time_s: Array,
     progress: Callable[[float], None] | None,
-) -> Flow:
+) -> Played:
     """Integrates every simulation, each by itself.
 
     Args:
@@ -324,7 +334,7 @@ def solve(
     Raises:
         MjmergeError: the plant is no differential equation.
     """
-    check(plant)
+    check(plant, scenario.law)
     solutions: list[Solution] = []
     runs = len(traffic.lanes_m)
 
@@ -337,4 +347,4 @@ def solve(
             alone = traffic.alone(run)
             equation = Equation(scenario, plant, alone, believed)
             solutions.append(integrate(equation, scenario.law, time_s, alone.switches(), report))
-    return Flow(cast("Smooth", moving), solutions)
+    return Played(cast("Smooth", moving), solutions)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjmerge.config.bounds import check_runs
 from mjmerge.drivers import Traffic
-from mjmerge.law import Decision, Geometry, Sensed, advance, decide, geometry
+from mjmerge.law import Decision, Geometry, Law, Memory, Sensed, decided, geometry, remembered
 from mjmerge.plant import check, make
 from mjmerge.scenario.cars import believed_sheets, car_sheets
 from mjmerge.scenario.effect import check as check_effect
@@ -95,17 +95,16 @@ def simulate(
     )
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     steering = Steering(commanded=scenario.actuation.inverse == "commanded")
-    z, mu = np.full(runs, scenario.initial.z), np.full(runs, scenario.initial.mu)
+    memory = law.start(runs, scenario.initial.opinion)
     running = np.ones(runs, dtype=bool)
     log = Log(
         scenario, plant, seeds, sheets, mismatch, sink, live, continuous=continuous, told_truth=sense.exact
     )
-    opinion = advance
     if continuous:
         from mjmerge.simulation.continuous import solve  # scipy takes its time to import
 
         moving = flow = solve(scenario, plant, moving, traffic, believed, log.time_s, progress)
-        opinion, progress = flow.advance, None
+        progress = None
 
     for k, t in enumerate(log.time_s.tolist()):
         # observe
@@ -120,8 +119,14 @@ def simulate(
         # decide: the neighbours first, then the ego, which knows what the leader intends
         u_j = traffic.intend(cars, t)
         seen, u_1 = sense(cars, u_j[:, j_1])
-        decision = decide(law, Sensed.of(seen, u_1), z)
-        truth = geometry(law, Sensed.of(cars, u_j[:, j_1]))  # by itself: not what the law makes of it
+        sensed = Sensed.of(seen, u_1)
+        decision = decided(law, sensed, memory, 0.0 if continuous else h)
+        for run, why in decision.failed.items():
+            if running[run]:
+                running[run] = False
+                log.stop(Stop(run, t, names[0], why))
+        truth = geometry(law, Sensed.of(cars, u_j[:, j_1]))
+        told = truth if sense.exact else geometry(law, sensed)
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
@@ -130,7 +135,7 @@ def simulate(
         steering.told(controls)
 
         # record
-        row = _row(cars, truth, controls, decision, z, mu, moving.contacts())
+        row = _row(cars, truth, told, controls, moving.contacts()) | _of_law(law, memory, decision)
         if not sense.exact:
             row |= _told(seen, u_1)
         log.write(row, running, lambda: moving.qpos()[0])
@@ -138,7 +143,7 @@ def simulate(
             progress(t)
 
         # step
-        z, mu = opinion(law, z, mu, decision.mu_input, h)
+        memory = flow.memory() if continuous else remembered(law, memory, decision, h)
         moving.step(controls, running)
     return log.finish()
 
@@ -155,33 +160,29 @@ def _told(seen: Cars, u_1: Array) -> dict[str, Array]:
     }
 
 
+def _of_law(law: Law, memory: Memory, decision: Decision) -> dict[str, Array]:
+    """What the law remembers and made of one tick, as far as it is recorded."""
+    return {name: memory[name] for name in law.remembers} | dict(decision.signals)
+
+
 def _row(
     cars: Cars,
     truth: Geometry,
+    told: Geometry,
     controls: Controls,
-    decision: Decision,
-    z: Array,
-    mu: Array,
     contacts: tuple[Array, Array],
 ) -> dict[str, Array]:
     """One tick, as the columns of the trace."""
     return {
-        "opinion": z,
-        "mu": mu,
-        "weight": decision.w,
         "distance_m": truth.d,
         "distance_rate_mps": truth.d_dot,
-        "sensed_distance_m": decision.geometry.d,
-        "sensed_distance_rate_mps": decision.geometry.d_dot,
-        "mu_input_per_s": decision.mu_input,
+        "sensed_distance_m": told.d,
+        "sensed_distance_rate_mps": told.d_dot,
         "gap_m": truth.dbar,
         "gap_rate_mps": truth.dbar_dot,
         "clearance_m": cars.clearance_m,
         "contact_impulse_n_s": contacts[0],
         "contact_speed_mps": contacts[1],
-        "target_m": decision.target,
-        "u_n_mps2": decision.u_n,
-        "u_c_mps2": decision.u_c,
         "u_mps2": controls.u_mps2,
         "front_m": cars.front_m,
         "velocity_mps": cars.velocity_mps,

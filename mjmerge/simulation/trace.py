@@ -7,7 +7,7 @@ fills it, the recorders write it, and the documentation lists it from this decla
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, get_type_hints
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mjmerge.config.document import described
 from mjmerge.errors import MjmergeError
+from mjmerge.law import Law
 from mjmerge.roster import PER_CAR, PER_NEIGHBOUR, PER_PAIR, WHEELS, XY, Axis, Roster, along
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
@@ -156,6 +157,19 @@ class Trace:
     torque_clipped_n_m: Annotated[Array, Meaning("tau clipped", "torque asked for and not given", PER_CAR)]
     steer_clipped_rad: Annotated[Array, Meaning("delta clipped", "steering asked for and not given", PER_CAR)]
 
+    signals: Mapping[str, Array] = field(default_factory=dict)
+    """What the law records beside that, by name, as :attr:`Law.signals` declares it, each (N, T, ...)."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Every column of it, those of the law's own signals last."""
+        return (*COLUMNS, *signals_of(self.scenario.law))
+
+    def column(self, name: str) -> Array:
+        """A column by its name, (N, T, ...)."""
+        found: Array = self.signals[name] if name in self.signals else getattr(self, name)
+        return found
+
     @property
     def roster(self) -> Roster:
         """Who is there."""
@@ -205,7 +219,12 @@ COLUMNS: tuple[Column, ...] = tuple(
     for meaning in getattr(hint, "__metadata__", ())
     if isinstance(meaning, Meaning)
 )
-"""Every column of a trace, in the order of its declaration."""
+"""The columns of every trace, in the order of their declaration. Those that its law does not fill are NaN."""
+
+
+def signals_of(law: Law) -> tuple[Column, ...]:
+    """The columns of a law's own signals."""
+    return tuple(Column(s.name, s.axes, s.symbol or s.name, s.doc, told=False) for s in law.signals)
 
 
 def the_truth(columns: Mapping[str, Array], j_1: int) -> dict[str, Array]:

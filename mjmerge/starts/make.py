@@ -17,6 +17,7 @@ from mjmerge.config import shipped
 from mjmerge.config.frozen import Frozen
 from mjmerge.drivers import kinds
 from mjmerge.errors import BadNameError, OutputError
+from mjmerge.law import kinds as laws
 from mjmerge.outputs import cannot_write, put_new
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.vehicle.datasheet import DataSheet
@@ -136,6 +137,12 @@ def _drives(place: str, name: str) -> list[str]:
     return [f"mjmerge run charge --set {quote(given)}"]
 
 
+def _rules(place: str, name: str) -> list[str]:
+    """The command that has the ego driven by a new law."""
+    given = f'law.kind="{place}:{_function_of(name)}"'
+    return [f"mjmerge run charge --set {quote(given)}"]
+
+
 def _car(name: str) -> dict[str, str]:
     like = data_sheet(_LIKE).model_copy(update={"description": f"{name}, a car of one's own"})
     return {
@@ -156,6 +163,7 @@ KINDS = {
         ],
     ),
     "driver": Start(lambda name: {f"{name}.py": _text("driver.txt", name)}, kinds, _drives),
+    "law": Start(lambda name: {f"{name}.py": _text("law.txt", name)}, laws, _rules),
     "metric": Start(lambda name: {f"{name}.py": _text("metric.txt", name)}, dict, _measures),
     "scenario": Start(
         lambda name: {f"{name}.yaml": _text("scenario.yaml", name)},

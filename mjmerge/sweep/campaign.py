@@ -1,6 +1,6 @@
 """A campaign: which scenarios to run how often with what different, as one YAML file, and its plan.
 
-A campaign is a list of blocks. Each block is a product: scenarios x plants x law variants x points x seeds. A
+A campaign is a list of blocks. Each block is a product: scenarios x plants x laws x points x seeds. A
 point is a set of scenario keys and their values: named by hand, one of a grid, or drawn at random.
 """
 
@@ -19,9 +19,12 @@ from pydantic import Field
 from mjmerge.config import shipped
 from mjmerge.config.bounds import MOST_RUNS
 from mjmerge.config.document import Document, copied
+from mjmerge.config.doors import DoorError, from_outside, located
 from mjmerge.config.frozen import Frozen
 from mjmerge.config.read import file_of, raise_problems, read, validated
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError, nearest
+from mjmerge.law.outside import DEFAULT
+from mjmerge.law.outside import GROUP as LAWS
 from mjmerge.plant import PLANTS
 from mjmerge.scenario.effect import covers
 from mjmerge.scenario.levels import LEVELS
@@ -73,7 +76,7 @@ class Random(Frozen):
 
 
 class Block(Frozen):
-    """Scenarios x plants x law variants x points x seeds."""
+    """Scenarios x plants x laws (variants of the paper's, and others) x points x seeds."""
 
     scenarios: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
     """Shipped names, or paths (relative ones from the campaign's folder)."""
@@ -81,6 +84,8 @@ class Block(Frozen):
     """What moves the cars."""
     variants: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Variants of the law, in place of the scenarios' own."""
+    laws: Annotated[tuple[str | dict[str, Any], ...], Field(strict=False)] = ()
+    """Laws beside these: kinds, or mappings with a kind and other keys of the section law."""
     seeds: Annotated[int, Field(gt=0, le=MOST_RUNS)] = 1
     """Runs of each point, each with another seed."""
     first_seed: Annotated[int, Field(ge=0)] = 0
@@ -193,7 +198,9 @@ class _Block:
         shared = tuple(_setting(k, v, self._below(f"set.{k}")) for k, v in block.set.items())
         variants: list[tuple[Setting, ...]] = [
             (_setting(VARIANT, v, self._below(f"variants.{i}")),) for i, v in enumerate(block.variants)
-        ] or [()]
+        ]
+        variants += [self._law(law, f"laws.{i}") for i, law in enumerate(block.laws)]
+        variants = variants or [()]
         for i, name in enumerate(block.scenarios):
             where = f"scenarios.{i}"
             source = self._source(name, where)
@@ -209,6 +216,20 @@ class _Block:
                 if found is not None:
                     first = block.first_seed + point.draw * block.seeds
                     yield from (replace(found, seed=first + k) for k in range(block.seeds))
+
+    def _law(self, law: str | dict[str, Any], where: str) -> tuple[Setting, ...]:
+        """The keys of one of the laws; the file of one from outside may be beside the campaign."""
+        keys = {"kind": law} if isinstance(law, str) else dict(law)
+        kind = keys.get("kind", DEFAULT)
+        try:
+            if isinstance(kind, str) and from_outside(kind):
+                keys["kind"] = located(kind, self._near, LAWS)
+        except DoorError as error:
+            self._report(str(error), where)
+        return tuple(
+            Setting(f"law.{k}", v, self._below(where if isinstance(law, str) else f"{where}.{k}"), where)
+            for k, v in ({"kind": DEFAULT} | keys).items()
+        )
 
     def _source(self, name: str, where: str) -> str | None:
         """A scenario's name, or its path as seen from here."""

@@ -23,7 +23,7 @@ def too_much(campaign: Campaign) -> Iterator[tuple[str, str]]:
     for i, block in enumerate(campaign.blocks):
         at = f"blocks.{i}"
         points, distinct = _points(block)
-        each = len(block.scenarios) * len(block.plants) * max(1, len(block.variants))
+        each = len(block.scenarios) * len(block.plants) * max(1, len(block.variants) + len(block.laws))
         runs += each * points * block.seeds
         scenarios += each * distinct
         if runs > MOST_RUNS:

@@ -22,7 +22,7 @@ from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.verdict import own
 
-MISMATCH, VARIANT = "mismatch.", "law.variant"
+MISMATCH, VARIANT, KIND = "mismatch.", "law.variant", "law.kind"
 NONE = "none"
 """Name of a mismatch that nobody named: the scenario as it is."""
 FULL_SIZE_M = 1.0
@@ -143,7 +143,7 @@ def planned(
 ) -> Plan:
     """A plan of these runs."""
     keys = dict.fromkeys(text.partition("=")[0] for case in cases for text in case.overrides)
-    axes = tuple(key for key in keys if key != VARIANT)
+    axes = tuple(key for key in keys if key not in (VARIANT, KIND))
     called = labels(list(dict.fromkeys(case.batch.source for case in cases)))
     return Plan(name, description, axes, tuple(cases), left_out or {}, same_as(cases), called)
 

@@ -121,7 +121,7 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
             "saturated_s": float(busy_s[i]),
             **decided.as_dict(),
         }
-        if not np.isfinite(decided.least_z):
+        if decided.least_z is None or not np.isfinite(decided.least_z):
             row["least_z"] = None
         row |= {METRIC + name: _known(of[i]) for name, of in metrics.items()}
         if bounds:

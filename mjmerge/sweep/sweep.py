@@ -115,7 +115,7 @@ def _described(plan: Plan, at: Sequence[int]) -> dict[str, pa.Array]:
         SAME: pa.array([plan.same_as[i] for i in at], pa.int64()),
         "scenario": pa.array([plan.labels[c.batch.source] for c in cases], pa.string()),
         "plant": pa.array([c.batch.plant for c in cases], pa.string()),
-        "variant": pa.array([c.batch.scenario.law.variant for c in cases], pa.string()),
+        "variant": pa.array([c.batch.scenario.law.label for c in cases], pa.string()),
         "mismatch": pa.array([c.point for c in cases], pa.string()),
         "seed": pa.array([c.seed for c in cases], pa.int64()),
         "set": pa.array([list(c.overrides) for c in cases], pa.list_(pa.string())),

@@ -20,20 +20,32 @@ IDEAL = "double_integrator"
 _TOGETHER = 256  # simulations at a time: what they leave behind is large, and only its least is kept
 
 
-def unguarded(scenario: Scenario) -> Scenario:
-    """The scenario with its law's safety part taken out (k_o = 0), and nothing different in truth."""
-    law = scenario.law.model_copy(update={"k_o": 0.0})
+def guarded(scenario: Scenario) -> bool | None:
+    """Whether its law has something that keeps it away; ``None`` where nobody knows how to take it out."""
+    without = scenario.law.unguarded()
+    return None if without is None else without != scenario.law
+
+
+def unguarded(scenario: Scenario) -> Scenario | None:
+    """The scenario with its law's safety part taken out (k_o = 0), and nothing different in truth.
+
+    ``None`` where nobody knows how.
+    """
+    law = scenario.law.unguarded()
+    if law is None:
+        return None
     return scenario.settled().model_copy(update={"law": law, "mismatch": Mismatch()})
 
 
 def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
     """How close simulations come on the ideal plant without the barrier: least d_j, m, (M, C-1).
 
-    NaN where that cannot be asked, because a driver's code is not here.
+    NaN where that cannot be asked: a driver's code is not here, or the law cannot be without.
     """
-    if any(isinstance(driver, Absent) for driver in trace.scenario.neighbours):
+    scenario = unguarded(trace.scenario)
+    if scenario is None or any(isinstance(driver, Absent) for driver in trace.scenario.neighbours):
         return np.full((len(runs), trace.distance_m.shape[2]), np.nan)
-    return _ideal_m(unguarded(trace.scenario), trace, runs)
+    return _ideal_m(scenario, trace, runs)
 
 
 def with_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from mjmerge.law import OpinionDynamics
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Mask
 from mjmerge.verdict.metrics import INTENT, lateral_error_m
@@ -29,14 +30,16 @@ class Decision:
         straddling_s: time spent between the lanes, from 20 % to 80 % of the way across, s.
         least_z: smallest opinion.
         underflow: whether z fell below the smallest normal float64: it may never come back.
+
+    Under a law that has no opinion, all but the time between the lanes are ``None``.
     """
 
-    wrong_sign_s: float
+    wrong_sign_s: float | None
     refusal_memory_s: float | None
     abort_s: float | None
     straddling_s: float
-    least_z: float
-    underflow: bool
+    least_z: float | None
+    underflow: bool | None
 
     def as_dict(self) -> dict[str, float | bool | None]:
         """For the summary."""
@@ -46,6 +49,7 @@ class Decision:
 def conditions(trace: Trace) -> Mask:
     """Which of ``CONDITIONS`` hold, (N, T, 3); false where there is no data."""
     p, law = trace.front_m, trace.scenario.law
+    assert isinstance(law, OpinionDynamics), "no other law has them"
     one, two = 1 + law.j_1, 1 + law.j_2
     beside = (p[:, :, 0, 0] - p[:, :, one, 0]) * (p[:, :, 0, 0] - p[:, :, two, 0]) < 0
     room = trace.gap_m > 2 * law.r_m
@@ -55,13 +59,19 @@ def conditions(trace: Trace) -> Mask:
 
 def decision(trace: Trace) -> list[Decision]:
     """Decision metrics of every simulation."""
-    h = trace.scenario.control_step_s
+    h, law = trace.scenario.control_step_s, trace.scenario.law
+    off = np.abs(lateral_error_m(trace))
+    lane = abs(law.r_eta_m) if isinstance(law, OpinionDynamics) else off[:, :1]
+    across = off / np.where(lane == 0, 1.0, lane)
+    straddling = (across > 0.2) & (across < 0.8)
+    if not isinstance(law, OpinionDynamics):
+        return [
+            Decision(None, None, None, float(straddling[run].sum() * h), None, None)
+            for run in range(trace.runs)
+        ]
     allowed: Mask = np.all(conditions(trace), axis=2)
     wants = trace.weight > INTENT
     wrong = (trace.mu_input_per_s > 0) & ~allowed
-    lane = abs(trace.scenario.law.r_eta_m) or 1.0
-    across = np.abs(lateral_error_m(trace)) / lane
-    straddling = (across > 0.2) & (across < 0.8)
     least_z = np.where(np.isnan(trace.opinion), np.inf, trace.opinion).min(axis=1)
     return [
         Decision(

@@ -16,7 +16,9 @@ from math import pi
 import numpy as np
 
 from mjmerge.config.acts import BODIES, EVERY, LIMITS, WHEELS
+from mjmerge.law import Law, Signal
 from mjmerge.law.opinion_dynamics.barrier import effective_distance
+from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.mismatch import column
 from mjmerge.simulation.trace import Trace
@@ -32,7 +34,8 @@ SEEN = 0.02
 """The ego knows a distance if it is told it to within this part of r (1.2 cm at the paper's scale)."""
 FELT = 0.1
 """It knows its rate to within this part of k_o (0.1 m/s at the paper's scale): d falls by a factor
-exp(-v/k_o) for a closing speed v, so an error of that size changes the distance that is kept by a tenth."""
+exp(-v/k_o) for a closing speed v, so an error of that size changes the distance that is kept by a tenth.
+Under a law that has no k_o, it is that at the paper's scale."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ class Hypothesis:
         reads: columns of the trace that this needs.
         plants: which plants have the thing.
         sampled: whether it is about a command that is held, or late: not asked in continuous time.
+        paper: whether it is one of the paper's law, and not asked of others.
     """
 
     name: str
@@ -54,20 +58,49 @@ class Hypothesis:
     reads: tuple[str, ...]
     plants: tuple[str, ...] = EVERY
     sampled: bool = False
+    paper: bool = False
 
     def asked(self, trace: Trace) -> bool:
         """Whether the trace's world has what this is about."""
-        return trace.plant in self.plants and not (self.sampled and trace.continuous)
+        law = trace.scenario.law
+        there = trace.plant in self.plants and not (self.sampled and trace.continuous)
+        return there and (isinstance(law, Parameters) or not self.paper)
 
 
 def asked(trace: Trace) -> dict[str, Hypothesis]:
     """The hypotheses that a trace is to be held against, by name."""
-    return {name: one for name, one in HYPOTHESES.items() if one.asked(trace)}
+    return {name: one for name, one in HYPOTHESES.items() if one.asked(trace)} | own(trace.scenario.law)
+
+
+def own(law: Law) -> dict[str, Hypothesis]:
+    """The hypotheses that a law brings, by name: those of its signals that say whether one holds."""
+    return {name: one for s in law.signals if s.asks for name, one in ((called(s.name), _own(s)),)}
+
+
+def called(signal: str) -> str:
+    """What a hypothesis is called that a signal of this name is about."""
+    return signal.replace("_", " ")
+
+
+def _own(signal: Signal) -> Hypothesis:
+    def marks(trace: Trace) -> Mask:
+        holds = trace.signals[signal.name]
+        broken: Mask = np.any(holds.reshape(*holds.shape[:2], -1) < 0.5, axis=2)
+        return broken
+
+    return Hypothesis(called(signal.name), signal.asks, marks, (signal.name,))
 
 
 def broken(trace: Trace) -> dict[str, Mask]:
     """The ticks at which each hypothesis that is asked is broken, by name, (N, T)."""
     return {name: one.marks(trace) for name, one in asked(trace).items()}
+
+
+def _paper(trace: Trace) -> Parameters:
+    """The paper's law, which alone is asked for what it needs."""
+    law = trace.scenario.law
+    assert isinstance(law, Parameters)
+    return law
 
 
 def _safe_start(trace: Trace) -> Mask:
@@ -93,8 +126,10 @@ def _opinion_awake(trace: Trace) -> Mask:
 
 
 def _barrier_on(trace: Trace) -> Mask:
-    """Off everywhere with k_o = 0; and where a variant lets 1/d grow no further."""
+    """Off everywhere with k_o = 0, or with a law that has none; and where a variant caps 1/d."""
     law, d = trace.scenario.law, trace.distance_m
+    if not isinstance(law, Parameters):
+        return np.full(d.shape[:2], law.unguarded() == law)
     capped: Mask = np.any((d > 0) & (effective_distance(law, d) > d), axis=2)
     return capped | (law.k_o <= 0)
 
@@ -127,7 +162,7 @@ def _neighbours_apart(trace: Trace) -> Mask:
 
 def _leave_2r(trace: Trace) -> Mask:
     """In continuous time margins meet, and the run ends, between two ticks: the gap at the next counts."""
-    p, law, r = trace.front_m, trace.scenario.law, trace.scenario.law.r_m
+    p, law, r = trace.front_m, trace.scenario.law, trace.scenario.r_m
     one, two = 1 + law.j_1, 1 + law.j_2
     ahead_s = trace.scenario.control_step_s if trace.continuous else 0.0
     gap = trace.gap_m + np.minimum(trace.gap_rate_mps * ahead_s, 0) if ahead_s else trace.gap_m
@@ -137,7 +172,7 @@ def _leave_2r(trace: Trace) -> Mask:
 
 
 def _seen(trace: Trace) -> Mask:
-    off = np.abs(trace.sensed_distance_m - trace.distance_m) > SEEN * trace.scenario.law.r_m
+    off = np.abs(trace.sensed_distance_m - trace.distance_m) > SEEN * trace.scenario.r_m
     unseen: Mask = np.any(off, axis=2)
     return unseen
 
@@ -145,7 +180,7 @@ def _seen(trace: Trace) -> Mask:
 def _felt(trace: Trace) -> Mask:
     with np.errstate(invalid="ignore"):
         off = np.abs(trace.sensed_distance_rate_mps - trace.distance_rate_mps)
-    unfelt: Mask = np.any(off > FELT * trace.scenario.law.k_o, axis=2)
+    unfelt: Mask = np.any(off > FELT * getattr(trace.scenario.law, "k_o", 1.0), axis=2)
     return unfelt
 
 
@@ -195,7 +230,7 @@ def _sampled_finely(trace: Trace) -> Mask:
     Whatever crosses d = 0 passes a tick like that. So it counts only where the barrier does what it says: the
     fault is not the hold's where u_c is not what (barrier) gives for what the ego was told, at least by half.
     """
-    law, h, d = trace.scenario.law, trace.scenario.control_step_s, trace.distance_m
+    law, h, d = _paper(trace), trace.scenario.control_step_s, trace.distance_m
     near = d > 0  # inside the margin it is too late for an excuse
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = law.k_v + np.sum(np.where(near, law.k_o / effective_distance(law, d), 0.0), axis=2)
@@ -206,7 +241,7 @@ def _sampled_finely(trace: Trace) -> Mask:
 
 def _barrier_acts(trace: Trace) -> Mask:
     """Whether u_c has, along the barrier's command for what the ego was told, at least half its size."""
-    law, p, d = trace.scenario.law, trace.front_m, trace.sensed_distance_m
+    law, p, d = _paper(trace), trace.front_m, trace.sensed_distance_m
     e = p[:, :, :1] - p[:, :, 1:]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         closing = -np.minimum(trace.sensed_distance_rate_mps, 0) / effective_distance(law, d)
@@ -219,7 +254,7 @@ def _prompt(trace: Trace) -> Mask:
     """The true dead time of commands and measurements is less than the loop can stand at d_j."""
     late_s = column(trace.mismatch, "sensing_delay_s") + column(trace.mismatch, "command_delay_s")
     late: Mask = np.zeros(trace.distance_m.shape[:2], dtype=bool)
-    law, wheelbase_m = trace.scenario.law, car_sheets(trace.scenario)[0].wheelbase_m
+    law, wheelbase_m = _paper(trace), car_sheets(trace.scenario)[0].wheelbase_m
     turns = trace.plant in WHEELS and trace.scenario.actuation.inverse == "measured"
     for run in np.flatnonzero(late_s > 0).tolist():
         d = trace.distance_m[run]
@@ -237,9 +272,12 @@ HYPOTHESES: dict[str, Hypothesis] = {
     for one in (
         Hypothesis("safe start", "d_j(0) > 0", _safe_start, ("distance_m",)),
         Hypothesis("bounded start", "d_j'(0)/d_j(0) is finite", _bounded_start, _DISTANCES),
-        Hypothesis("opinion is positive", "z > 0", _opinion_awake, ("opinion",)),
+        Hypothesis("opinion is positive", "z > 0", _opinion_awake, ("opinion",), paper=True),
         Hypothesis(
-            "barrier is on", "k_o > 0, and nothing keeps k_o/d_j from growing", _barrier_on, ("distance_m",)
+            "barrier is on",
+            "k_o > 0, and nothing keeps k_o/d_j from growing",
+            _barrier_on,
+            ("distance_m",),
         ),
         Hypothesis(
             "neighbours bounded",
@@ -301,6 +339,7 @@ HYPOTHESES: dict[str, Hypothesis] = {
             _sampled_finely,
             _DISTANCES,
             sampled=True,
+            paper=True,
         ),
         Hypothesis(
             "delay small against d",
@@ -308,6 +347,7 @@ HYPOTHESES: dict[str, Hypothesis] = {
             _prompt,
             ("distance_m",),
             sampled=True,
+            paper=True,
         ),
         Hypothesis(
             "margin covers the bodies",

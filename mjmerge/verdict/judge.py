@@ -27,7 +27,7 @@ import numpy as np
 
 from mjmerge.simulation.trace import Stop, Trace, check_trace
 from mjmerge.state import Array, Mask, dot
-from mjmerge.verdict.counterfactual import with_barrier_m, without_barrier_m
+from mjmerge.verdict.counterfactual import guarded, with_barrier_m, without_barrier_m
 from mjmerge.verdict.hypotheses import OBEYS_WINDOW_S, SEEN, Hypothesis, asked
 from mjmerge.verdict.metrics import Collision, Event, collisions
 
@@ -111,7 +111,7 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
     least = np.full((trace.runs, trace.distance_m.shape[2]), np.nan)
     if without is not None:
         least[safe] = without[safe]
-    elif trace.scenario.law.k_o > 0 and safe:
+    elif safe and guarded(trace.scenario):
         least[safe] = without_barrier_m(trace, safe)
     ideal = np.full(trace.runs, np.nan)
     far = [run for run in safe if _needed(evidence, run, least[run]) and evidence.kept_m(run) >= evidence.r_m]
@@ -188,7 +188,7 @@ class _Evidence:
     @property
     def r_m(self) -> float:
         """The margin r, m."""
-        return self.trace.scenario.law.r_m
+        return self.trace.scenario.r_m
 
     def kept_m(self, run: int) -> float:
         """The least d_j of a simulation, m."""
@@ -218,12 +218,12 @@ class _Evidence:
         return [
             name
             for name, one in self.hypotheses.items()
-            if any(np.isnan(getattr(self.trace, column)[run, part]).any() for column in one.reads)
+            if any(np.isnan(self.trace.column(column)[run, part]).any() for column in one.reads)
         ]
 
     def approach(self, run: int, tick: int, pairs: Mask) -> int:
         """The tick from which pairs, (C-1,), came to be unsafe at a tick: when both were last comfortable."""
-        near = self.trace.distance_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.law.r_m
+        near = self.trace.distance_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.r_m
         apart = [np.flatnonzero(~row) for row in near]
         return min(int(ticks[-1]) if ticks.size else 0 for ticks in apart)
 
@@ -238,23 +238,22 @@ def _ruling_of_safe(
     e: _Evidence, run: int, without_m: Array, ideal_m: float, breaches: tuple[Breach, ...]
 ) -> _Ruling:
     trace, first = e.trace, breaches[0] if breaches else None
-    if trace.scenario.law.k_o <= 0:
-        return _Ruling(VACUOUS, "safe, but the barrier is off", matters=first, needed=False)
+    guard, off = trace.scenario.law.guard, guarded(trace.scenario) is False
+    if off:
+        return _Ruling(VACUOUS, f"safe, but {guard} is off", matters=first, needed=False)
     if np.isnan(without_m).any():
-        why = "safe, but how it would end without the barrier is not known"
+        why = f"safe, but how it would end without {guard} is not known"
         return _Ruling(VACUOUS, why, matters=first)
     j = int(np.argmin(without_m))
-    alone = f"without the barrier the ideal comes to d_{j + 1} = {without_m[j]:.3f} m"
+    alone = f"without {guard} the ideal comes to d_{j + 1} = {without_m[j]:.3f} m"
     if not _needed(e, run, without_m):
-        why = f"safe, but not because of the barrier: {alone}"
+        why = f"safe, but not because of {guard}: {alone}"
         return _Ruling(VACUOUS, why, matters=first, needed=False)
     if ideal_m < e.kept_m(run) - NEEDED * e.r_m:
-        why = (
-            f"safe, but something else kept it away: with the barrier the ideal comes to d = {ideal_m:.3f} m"
-        )
+        why = f"safe, but something else kept it away: with {guard} the ideal comes to d = {ideal_m:.3f} m"
         return _Ruling(VACUOUS, why, matters=first, needed=False)
     if not _dissipates(trace, run):
-        return _Ruling(VACUOUS, "safe, but the barrier did not slow it down", matters=first, needed=False)
+        return _Ruling(VACUOUS, f"safe, but {guard} did not slow it down", matters=first, needed=False)
     wrong = _told_wrong(trace, run)
     if wrong is not None:
         j, off_m = wrong
@@ -264,7 +263,7 @@ def _ruling_of_safe(
     if first is not None:
         why = f"safe beyond its hypotheses: '{first.hypothesis}' broke at {first.time_s:.2f} s; {alone}"
         return _Ruling(HELD, why, matters=first, needed=True)
-    return _Ruling(HELD, f"safe, and the barrier was needed: {alone}", needed=True)
+    return _Ruling(HELD, f"safe, and {guard} was needed: {alone}", needed=True)
 
 
 def _dissipates(trace: Trace, run: int) -> bool:
@@ -272,6 +271,8 @@ def _dissipates(trace: Trace, run: int) -> bool:
 
     That is along - sum_j g_j d_j'/d_j. Its work on one pair says nothing: away from one is towards another.
     """
+    if "u_c_mps2" not in trace.scenario.law.gives:
+        return True  # it has no such part that could be looked at
     g = trace.front_m[run, :, :1] - trace.front_m[run, :, 1:]
     g /= np.linalg.norm(g, axis=-1, keepdims=True)
     closing = -trace.distance_rate_mps[run] / trace.distance_m[run]
@@ -288,7 +289,7 @@ def _told_wrong(trace: Trace, run: int) -> tuple[int, float] | None:
     half = max(1, round(OBEYS_WINDOW_S / trace.scenario.control_step_s))
     for j, tick in enumerate(np.argmin(trace.distance_m[run], axis=0).tolist()):
         there = off[max(tick - half, 0) : tick + half + 1, j]
-        bound = SEEN * trace.scenario.law.r_m
+        bound = SEEN * trace.scenario.r_m
         if np.all(there > bound) or np.all(there < -bound):
             return j, float(np.mean(there))
     return None

@@ -86,6 +86,17 @@ def lateral_error_m(trace: Trace) -> Array:
     return trace.front_m[:, :, 0, 1] - trace.front_m[:, :, 1 + trace.scenario.law.j_1, 1]
 
 
+def intends(trace: Trace) -> Mask:
+    """Whether the ego means to merge, (N, T): w > 1/2; under a law that has no w, whether it is on its way.
+
+    That is, a fifth of the way across that it began with, or further.
+    """
+    if "weight" in trace.scenario.law.gives:
+        return trace.weight > INTENT
+    across = np.abs(lateral_error_m(trace))
+    return across < 0.8 * across[:, :1]
+
+
 def turned_rad(trace: Trace) -> Array:
     """The ego's heading where it is furthest off the road, signed, rad, (N,).
 
@@ -148,6 +159,12 @@ def clear_ticks_without_margin(trace: Trace) -> NDArray[np.int64]:
     return found
 
 
+def _opinion(trace: Trace, run: int, tick: int) -> str:
+    """The opinion at a tick, where the law has one."""
+    z = trace.opinion[run, tick]
+    return "" if np.isnan(z) else f" (z = {z:.3f})"
+
+
 def events(trace: Trace, run: int = 0) -> list[Event]:
     """What happened in one simulation, in order of time.
 
@@ -178,10 +195,10 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
     def within(start: int, end: int) -> str:
         return f", within {(end - start) * trace.scenario.control_step_s:.2f} s"
 
-    for start, end in spans(trace.weight[run] > INTENT):
-        add(start, "info", "ego", f"intends to merge (z = {trace.opinion[run, start]:.3f})")
-        if end < len(time_s) and not np.isnan(trace.weight[run, end]):
-            add(end, "info", "ego", f"gives up the merge (z = {trace.opinion[run, end]:.3f})")
+    for start, end in spans(intends(trace)[run]):
+        add(start, "info", "ego", f"intends to merge{_opinion(trace, run, start)}")
+        if end < len(time_s) and not np.isnan(trace.front_m[run, end, 0, 0]):
+            add(end, "info", "ego", f"gives up the merge{_opinion(trace, run, end)}")
     merged_s = merged_at_s(trace)[run]
     if not np.isnan(merged_s):
         found.append(

@@ -86,9 +86,10 @@ def run(metric: Metric, trace: Trace) -> Array:
 def _frozen(trace: Trace) -> Trace:
     """The same trace, whose arrays cannot be written to."""
     views = {name: getattr(trace, name).view() for name in ("seeds", "time_s", *(c.name for c in COLUMNS))}
-    for view in views.values():
+    signals = {name: values.view() for name, values in trace.signals.items()}
+    for view in (*views.values(), *signals.values()):
         view.flags.writeable = False
-    return replace(trace, **views)
+    return replace(trace, **views, signals=signals)
 
 
 def _whose(metric: Metric) -> str:

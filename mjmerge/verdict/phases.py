@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Mask
 from mjmerge.verdict.hypotheses import HYPOTHESES, broken
-from mjmerge.verdict.metrics import INTENT, merged, saturated
+from mjmerge.verdict.metrics import intends, merged, saturated
 
 DECISION = ("keeps its lane", "merging", "merged")
 SAFETY = ("outside both margins", "inside a margin", "touching")
@@ -18,14 +18,14 @@ ACTUATION = ("within limits", "saturated")
 CONTRACT = ("holds", "broken")
 ENDED = "ended"
 """State of everything once a simulation has stopped before its time."""
+WATCHED = {"decision": DECISION, "safety": SAFETY, "actuation": ACTUATION}
+"""What is watched beside the hypotheses."""
 
 NAMES: dict[str, tuple[str, ...]] = {
-    "decision": DECISION,
-    "safety": SAFETY,
-    "actuation": ACTUATION,
+    **WATCHED,
     **dict.fromkeys(HYPOTHESES, CONTRACT),
 }
-"""What is watched, and the states it can be in, from the calmest on."""
+"""What is watched, and the states it can be in, from the calmest on; hypotheses of a law's own beside it."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Phase:
     """A state that begins.
 
     Attributes:
-        subject: what is watched, a key of ``NAMES``.
+        subject: what is watched, a key of ``NAMES`` or a hypothesis of the law's own.
         time_s: when, s.
         state: one of its states, or ``ENDED``.
     """
@@ -50,7 +50,9 @@ def phases(trace: Trace, run: int = 0) -> list[Phase]:
     found = []
     for subject, index in _states(trace, run).items():
         changes = np.flatnonzero(np.diff(index[:end], prepend=-1))
-        found += [Phase(subject, float(trace.time_s[k]), NAMES[subject][index[k]]) for k in changes]
+        found += [
+            Phase(subject, float(trace.time_s[k]), NAMES.get(subject, CONTRACT)[index[k]]) for k in changes
+        ]
         if end < len(data):
             found.append(Phase(subject, float(trace.time_s[end]), ENDED))
     return found
@@ -60,7 +62,7 @@ def _states(trace: Trace, run: int) -> dict[str, NDArray[np.int64]]:
     """The state of each subject at every tick, as an index into its names, (T,)."""
     inside: Mask = np.any(trace.distance_m[run] <= 0, axis=1)
     touching: Mask = np.any(trace.touching_ego[run], axis=1)
-    merging = trace.weight[run] > INTENT
+    merging = intends(trace)[run]
     return {
         "decision": np.where(merged(trace)[run] & merging, 2, merging.astype(np.int64)),
         "safety": np.where(touching, 2, inside.astype(np.int64)),

@@ -88,7 +88,7 @@ WRONG_SIGNS = {
         "below the floor",
     ),
     "everywhere": (
-        "law/opinion_dynamics/law.py",
+        "law/sensed.py",
         "g = _unit(e, distance)",
         "g = -_unit(e, distance)",
         "off the rate of d_j",

@@ -12,8 +12,9 @@ from mcap.reader import make_reader
 from mjmerge.cli import main
 from mjmerge.drivers import ahead
 from mjmerge.errors import ScenarioError
-from mjmerge.law import Sensed, decide, geometry
+from mjmerge.law import Sensed, geometry
 from mjmerge.law.opinion_dynamics.barrier import barrier
+from mjmerge.law.opinion_dynamics.law import decide
 from mjmerge.plant import PLANTS
 from mjmerge.record.read import read
 from mjmerge.review.replay import replay

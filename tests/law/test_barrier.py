@@ -5,15 +5,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mjmerge.law import Sensed, decide
+from mjmerge.law import OpinionDynamics, Sensed
 from mjmerge.law.opinion_dynamics.barrier import barrier
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law.opinion_dynamics.law import decide
 from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.kinematic import Arrivals
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.state import Controls
 
-ALONE = Law(k_p=0, k_v=0, r_rho_m=-1.2, r_eta_m=0.0)
+ALONE = OpinionDynamics(k_p=0, k_v=0, r_rho_m=-1.2, r_eta_m=0.0)
 D_0 = 0.6
 FAR = 1e9
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mjmerge.law import Sensed, decide
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law import OpinionDynamics, Sensed
+from mjmerge.law.opinion_dynamics.law import decide
 
-LAW = Law(r_rho_m=-1.2, r_eta_m=1.4)
+LAW = OpinionDynamics(r_rho_m=-1.2, r_eta_m=1.4)
 MIRRORED = LAW.model_copy(update={"r_eta_m": -1.4})
 
 position, velocity = st.floats(-5, 5), st.floats(-3, 3)

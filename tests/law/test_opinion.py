@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge.law import advance, bifurcation_input
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law import OpinionDynamics
+from mjmerge.law.opinion_dynamics.opinion import advance, bifurcation_input
 
-LAW = Law(r_rho_m=-1.2, r_eta_m=1.4)
+LAW = OpinionDynamics(r_rho_m=-1.2, r_eta_m=1.4)
 MU_MAX = LAW.k_s / LAW.k_mu  # where mu goes while its input is largest
 
 

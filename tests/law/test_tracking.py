@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law import OpinionDynamics
 from mjmerge.law.opinion_dynamics.tracking import target, track, weight
 
-LAW = Law(r_rho_m=-1.2, r_eta_m=1.4)
+LAW = OpinionDynamics(r_rho_m=-1.2, r_eta_m=1.4)
 number = st.floats(-10, 10)
 vector = st.tuples(number, number).map(lambda v: np.array([v]))
 

@@ -10,13 +10,13 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from mjmerge import load, simulate
-from mjmerge.law import Sensed, decide
+from mjmerge.law import OpinionDynamics, Sensed
 from mjmerge.law.opinion_dynamics.barrier import barrier
+from mjmerge.law.opinion_dynamics.law import decide
 from mjmerge.law.opinion_dynamics.opinion import rates
-from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.scenario.cars import data_sheet
 
-LAW = Law(r_rho_m=-1.206, r_eta_m=1.457)
+LAW = OpinionDynamics(r_rho_m=-1.206, r_eta_m=1.457)
 
 
 # One dimension, no PD: d'' = -k_o d'/d, so d' + k_o ln d keeps its value.

@@ -17,9 +17,8 @@ from PIL import Image
 from mjmerge.cli import main
 from mjmerge.figures.animation import EVERY_S, SHOWN_S, animate, ticks
 from mjmerge.figures.runs import distances
-from mjmerge.law import VARIANTS
+from mjmerge.law import VARIANTS, OpinionDynamics
 from mjmerge.law.opinion_dynamics import law as merge
-from mjmerge.law.opinion_dynamics.parameters import Law
 from mjmerge.paper import facts, reproduce
 from mjmerge.paper.bifurcation import branches, converging
 from mjmerge.scenario.load import load
@@ -343,7 +342,7 @@ def test_the_page_on_the_paper_leaves_nothing_out_and_shows_what_there_is():
     page = PAGE.read_text()
     for name in VARIANTS:
         assert f"| `{name}` |" in page
-    for key in Law.model_fields:
+    for key in OpinionDynamics.model_fields:
         assert f"`law.{key}`" in page
     for fact in facts.FACTS:
         assert f"| {fact.claim} | yes" in page or f"| {fact.claim} | axis only" in page

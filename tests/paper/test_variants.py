@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 
 from mjmerge import MjmergeError, load, simulate
 from mjmerge.errors import ScenarioError
-from mjmerge.law import VARIANTS, Sensed, advance, bifurcation_input, decide
+from mjmerge.law import VARIANTS, OpinionDynamics, Sensed
 from mjmerge.law.opinion_dynamics.barrier import barrier
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law.opinion_dynamics.law import decide
+from mjmerge.law.opinion_dynamics.opinion import advance, bifurcation_input
 from mjmerge.law.opinion_dynamics.variants import PARTS, reading
 
-LITERAL = Law(r_rho_m=-1.2, r_eta_m=1.4)
+LITERAL = OpinionDynamics(r_rho_m=-1.2, r_eta_m=1.4)
 ALL = [c for n in range(1, len(PARTS) + 1) for c in combinations(PARTS, n)]
 
 angle, distance, rate = st.floats(-np.pi, np.pi), st.floats(-3, 10), st.floats(-5, 5)

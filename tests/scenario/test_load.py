@@ -668,7 +668,7 @@ def test_the_committed_schema_is_the_current_one(written):
     schema = json.loads(json_schema())
     assert "name" not in schema["properties"]
     assert schema["required"] == ["initial", "law", "drivers"]
-    assert schema["$defs"]["Law"]["properties"]["k_o"]["description"].startswith("Barrier gain")
+    assert schema["$defs"]["OpinionDynamics"]["properties"]["k_o"]["description"].startswith("Barrier gain")
 
 
 # --- fuzz

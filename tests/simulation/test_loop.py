@@ -307,14 +307,14 @@ def test_progress_tells_simulated_time_in_order():
 # belief and truth
 
 
-def test_the_law_is_given_what_is_sensed_its_gains_and_its_opinion_and_nothing_else(monkeypatch, short_world):
+def test_the_law_is_given_what_is_sensed_and_its_memory_and_nothing_else(monkeypatch, short_world):
     loop = import_module("mjmerge.simulation.loop")
-    calls, decide = [], loop.decide
-    monkeypatch.setattr(loop, "decide", lambda *given: calls.append(given) or decide(*given))
+    calls, decided = [], loop.decided
+    monkeypatch.setattr(loop, "decided", lambda *given: calls.append(given) or decided(*given))
     scenario = load("paper", ["duration_s=0.1", "mismatch.friction=0.3"])
     trace = simulate(scenario, "mujoco", world=build(scenario))
     assert {f.name for f in fields(Sensed)} == {"p", "v", "p_j", "v_j", "u_1"}
-    for k, (law, sensed, z) in enumerate(calls):
+    for k, (law, sensed, memory, step_s) in enumerate(calls):
         assert law is scenario.law
         assert type(sensed) is Sensed
         assert np.array_equal(sensed.p, trace.front_m[:, k, 0])
@@ -322,7 +322,9 @@ def test_the_law_is_given_what_is_sensed_its_gains_and_its_opinion_and_nothing_e
         assert np.array_equal(sensed.v, trace.velocity_mps[:, k, 0])
         assert np.array_equal(sensed.v_j, trace.velocity_mps[:, k, 1:])
         assert np.array_equal(sensed.u_1, trace.u_mps2[:, k, 1])
-        assert np.array_equal(z, trace.opinion[:, k])
+        assert memory.keys() == {"opinion", "mu"}
+        assert all(np.array_equal(of, getattr(trace, name)[:, k]) for name, of in memory.items())
+        assert step_s == scenario.control_step_s
 
 
 COMMANDS = ("u_mps2", "u_n_mps2", "u_c_mps2", "a_mps2", "omega_radps", "steer_command_rad", "torque_n_m")

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.law.opinion_dynamics.variants import reading
 from mjmerge.state import LEAST, Array, nonzero
 
 
-def barrier(law: Law, g: Array, d: Array, d_dot: Array) -> Array:
+def barrier(law: Parameters, g: Array, d: Array, d_dot: Array) -> Array:
     """u_c, m/s^2, (N, 2).
 
     As printed it is two-sided (it also drags the ego after a car that leaves) and pulls inward once d < 0.
@@ -34,7 +34,7 @@ def barrier(law: Law, g: Array, d: Array, d_dot: Array) -> Array:
     return u_c
 
 
-def effective_distance(law: Law, d: Array) -> Array:
+def effective_distance(law: Parameters, d: Array) -> Array:
     """What the barrier of the law's variant divides by at the distances d, m, (...): d itself as printed."""
     d_dot = np.zeros_like(d)
     for part in reading(law.variant).approach:
@@ -42,6 +42,6 @@ def effective_distance(law: Law, d: Array) -> Array:
     return d
 
 
-def singular(law: Law) -> bool:
+def singular(law: Parameters) -> bool:
     """Whether the barrier grows without bound as d_j falls to zero, so that no motion goes on from there."""
     return law.k_o > 0 and bool(effective_distance(law, np.array(LEAST)) <= LEAST)

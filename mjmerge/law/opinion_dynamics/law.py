@@ -1,66 +1,26 @@
-"""The law put together: from what the ego senses to the front-axle acceleration it asks for."""
+"""The paper's law put together: opinion, tracking and barrier."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import numpy as np
 
-from mjmerge.law.opinion_dynamics.barrier import barrier
-from mjmerge.law.opinion_dynamics.opinion import bifurcation_input
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law.base import Decision, Flow, Memory
+from mjmerge.law.opinion_dynamics.barrier import barrier, singular
+from mjmerge.law.opinion_dynamics.opinion import advance, bifurcation_input, floored, rates
+from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.law.opinion_dynamics.tracking import target, track, weight
-from mjmerge.law.opinion_dynamics.variants import reading
-from mjmerge.state import Array, Cars, dot, norm
+from mjmerge.law.opinion_dynamics.variants import complaints, reading
+from mjmerge.law.sensed import Geometry, Sensed, geometry
+from mjmerge.state import Array
 
 
 @dataclass(frozen=True)
-class Sensed:
-    """All the law ever sees of the world, of an ego and C - 1 neighbours.
-
-    Attributes:
-        p: the ego's front axle, m, (N, 2).
-        v: its velocity, m/s, (N, 2).
-        p_j: the neighbours' front axles, m, (N, C-1, 2), neighbour before component.
-        v_j: their velocities, m/s, (N, C-1, 2).
-        u_1: acceleration that the leader intends, as if it told the ego, m/s^2, (N, 2).
-    """
-
-    p: Array
-    v: Array
-    p_j: Array
-    v_j: Array
-    u_1: Array
-
-    @classmethod
-    def of(cls, cars: Cars, u_1: Array) -> Sensed:
-        """From the motion of all cars and what the leader intends, m/s^2, (N, 2)."""
-        p, v = cars.front_m, cars.velocity_mps
-        return cls(p=p[:, 0], v=v[:, 0], p_j=p[:, 1:], v_j=v[:, 1:], u_1=u_1)
-
-
-@dataclass(frozen=True)
-class Geometry:
-    """Distances and gap, in the paper's letters.
-
-    Attributes:
-        g: unit vectors from the neighbours to the ego, (N, C-1, 2).
-        d: distances d_j, m, (N, C-1).
-        d_dot: their rates, m/s, (N, C-1).
-        dbar: gap between the leader and the follower less r, m, (N,).
-        dbar_dot: its rate, m/s, (N,).
-    """
-
-    g: Array
-    d: Array
-    d_dot: Array
-    dbar: Array
-    dbar_dot: Array
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What the law made of it, in the paper's letters.
+class Made:
+    """What the paper's law made of it, in the paper's letters.
 
     Attributes:
         u: command, u_n + u_c, m/s^2, (N, 2).
@@ -83,28 +43,7 @@ class Decision:
     mu_input: Array
 
 
-def _unit(a: Array, length: Array) -> Array:
-    """a/length, and zero where the length is."""
-    return a / np.where(length == 0, 1.0, length)[..., None]
-
-
-def geometry(law: Law, sensed: Sensed) -> Geometry:
-    """Distances to every neighbour, and the gap between the two that the law names, with its margin r."""
-    e = sensed.p[:, None] - sensed.p_j
-    distance = norm(e)
-    g = _unit(e, distance)  # from the neighbour to the ego; the paper's text has it the other way round
-    p_21 = sensed.p_j[:, law.j_2] - sensed.p_j[:, law.j_1]
-    gap = norm(p_21)
-    return Geometry(
-        g=g,
-        d=distance - law.r_m,
-        d_dot=dot(g, sensed.v[:, None] - sensed.v_j),
-        dbar=gap - law.r_m,
-        dbar_dot=dot(_unit(p_21, gap), sensed.v_j[:, law.j_2] - sensed.v_j[:, law.j_1]),
-    )
-
-
-def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
+def decide(law: Parameters, sensed: Sensed, z: Array) -> Made:
     """The law, for N simulations at once.
 
     Args:
@@ -122,7 +61,7 @@ def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
         u_1 = part(u_1)
     u_n = track(law, e_1, e_1_star, nu_1, u_1)
     u_c = barrier(law, seen.g, seen.d, seen.d_dot)
-    return Decision(
+    return Made(
         u=u_n + u_c,
         u_n=u_n,
         u_c=u_c,
@@ -132,3 +71,91 @@ def decide(law: Law, sensed: Sensed, z: Array) -> Decision:
         target=sensed.p_j[:, j_1] + e_1_star,
         mu_input=bifurcation_input(law, seen.g[:, [j_1, j_2], 0], seen.dbar, seen.dbar_dot),  # rho.g_j: its x
     )
+
+
+class OpinionDynamics(Parameters):
+    """The paper's law: an opinion chooses the target, and a dissipative barrier keeps the ego clear."""
+
+    guard: ClassVar[str] = "the barrier"
+    remembers: ClassVar[tuple[str, ...]] = ("opinion", "mu")
+    gives: ClassVar[tuple[str, ...]] = (
+        "weight", "mu_input_per_s", "target_m", "u_n_mps2", "u_c_mps2",
+    )  # fmt: skip
+
+    @property
+    def label(self) -> str:
+        """The name of its variant."""
+        return self.variant
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        """See :meth:`Law.problems`."""
+        yield from (("variant", complaint) for complaint in complaints(self.variant))
+
+    def start(self, runs: int, initial: Mapping[str, float]) -> Memory:
+        """Z and mu, each (N,)."""
+        return {"opinion": np.full(runs, initial["z"]), "mu": np.full(runs, initial["mu"])}
+
+    def decide(self, seen: Sensed, memory: Memory, step_s: float) -> Decision:
+        """See :func:`decide`."""
+        del step_s
+        made = decide(self, seen, memory["opinion"])
+        return Decision(
+            made.u,
+            {
+                "weight": made.w,
+                "mu_input_per_s": made.mu_input,
+                "target_m": made.target,
+                "u_n_mps2": made.u_n,
+                "u_c_mps2": made.u_c,
+            },
+        )
+
+    def advance(self, memory: Memory, decision: Decision, step_s: float) -> Memory:
+        """See :func:`~mjmerge.law.opinion_dynamics.opinion.advance`."""
+        mu_input = decision.signals["mu_input_per_s"]
+        z, mu = advance(self, memory["opinion"], memory["mu"], mu_input, step_s)
+        return {"opinion": z, "mu": mu}
+
+    def unguarded(self) -> Self:
+        """With k_o = 0."""
+        return self.model_copy(update={"k_o": 0.0}) if self.k_o > 0 else self
+
+    @property
+    def singular(self) -> bool:
+        """See :func:`~mjmerge.law.opinion_dynamics.barrier.singular`."""
+        return singular(self)
+
+    def flow(self) -> Flow:
+        """As ln z and mu.
+
+        With the logarithm z keeps its accuracy while it decays for minutes, never turns negative, and never
+        underflows for good; z(0) = 0 stays 0, as in (zi-2).
+        """
+        return _Opinion(self)
+
+
+class _Opinion(Flow):
+    """ln z and mu as coordinates."""
+
+    size = 2
+
+    def __init__(self, law: Parameters) -> None:
+        self._law, self._asleep = law, False
+
+    def start(self, initial: Mapping[str, float]) -> Array:
+        """Ln z(0) and mu(0)."""
+        z = float(floored(self._law, np.array(initial["z"])))
+        self._asleep = z <= 0
+        return np.array([0.0 if self._asleep else np.log(z), initial["mu"]])
+
+    def memory(self, coordinates: Array) -> Memory:
+        """Z and mu."""
+        x = coordinates[..., 0]
+        z = np.zeros(x.shape) if self._asleep else floored(self._law, np.exp(x))
+        return {"opinion": z, "mu": coordinates[..., 1]}
+
+    def rates(self, coordinates: Array, decision: Decision) -> Array:
+        """(zi-2) and (mu)."""
+        now = self.memory(coordinates[None])
+        ln_z_rate, mu_rate = rates(self._law, now["opinion"], now["mu"], decision.signals["mu_input_per_s"])
+        return np.concatenate([ln_z_rate, mu_rate])

@@ -14,14 +14,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.law.opinion_dynamics.variants import reading
 from mjmerge.state import Array, limit, nonzero
 
 _MAX_EXPONENT = 600.0  # exp() of much more overflows; z is 0 or mu to the last bit long before
 
 
-def bifurcation_input(law: Law, rho_g: Array, dbar: Array, dbar_dot: Array) -> Array:
+def bifurcation_input(law: Parameters, rho_g: Array, dbar: Array, dbar_dot: Array) -> Array:
     """Right-hand side of (mu) without the decay: k_s tanh(...), 1/s, (N,).
 
     Args:
@@ -39,7 +39,7 @@ def bifurcation_input(law: Law, rho_g: Array, dbar: Array, dbar_dot: Array) -> A
     return law.k_s * np.tanh(x)
 
 
-def advance(law: Law, z: Array, mu: Array, mu_input: Array, step_s: float) -> tuple[Array, Array]:
+def advance(law: Parameters, z: Array, mu: Array, mu_input: Array, step_s: float) -> tuple[Array, Array]:
     """The opinion z and mu one control step later, each (N,).
 
     Args:
@@ -63,14 +63,14 @@ def advance(law: Law, z: Array, mu: Array, mu_input: Array, step_s: float) -> tu
     return floored(law, z / (np.exp(-exponent) + z * growth)), mu_next
 
 
-def floored(law: Law, z: Array) -> Array:
+def floored(law: Parameters, z: Array) -> Array:
     """The opinion, not below the floor of the law's variant if it has one."""
     for least in reading(law.variant).least_z:
         z = np.maximum(z, least(law))
     return z
 
 
-def rates(law: Law, z: Array, mu: Array, mu_input: Array) -> tuple[Array, Array]:
+def rates(law: Parameters, z: Array, mu: Array, mu_input: Array) -> tuple[Array, Array]:
     """(zi-2) and (mu) in continuous time: d(ln z)/dt, which is z'/z, and mu', each 1/s, (N,).
 
     Args:

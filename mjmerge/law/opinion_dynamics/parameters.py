@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator
-
-from mjmerge.config.acts import WHEELS, Acts
-from mjmerge.config.frozen import Frozen, NonNegative, Positive
+from mjmerge.config.acts import Acts
+from mjmerge.config.frozen import NonNegative, Positive
 from mjmerge.config.units import Unit
-from mjmerge.roster import neighbour, slot
+from mjmerge.law.base import Law
 
 
 def _has(*parts: str) -> Callable[[Any], bool]:
     """Whether a scenario's law has one of these parts in its variant."""
-    return lambda scenario: not set(parts).isdisjoint(scenario.law.variant.split("+"))
+    return lambda scenario: not set(parts).isdisjoint(getattr(scenario.law, "variant", "").split("+"))
 
-
-def _a_neighbour(name: str) -> str:
-    if slot(name) is None:
-        raise ValueError("must be a neighbour, such as vehicle_1")
-    return name
-
-
-Neighbour = Annotated[str, AfterValidator(_a_neighbour)]
 
 _CAPPED = Acts(
     continuous=True, when=_has("capped", "guarded"), only="under the law variants capped and guarded"
@@ -34,15 +24,12 @@ _CAPPED = Acts(
 _FLOORED = Acts(continuous=True, when=_has("z_floor"), only="under the law variant z_floor")
 
 
-class Law(Frozen):
+class Parameters(Law):
     """Gains and parameters of the paper's law, in the paper's letters; defaults are its Section 4."""
 
+    kind: Literal["opinion_dynamics"] = "opinion_dynamics"
     variant: str = "literal"
     """Which reading of the equations to run, such as gated+one_sided; ``mjmerge list laws`` shows them."""
-    leader: Neighbour = neighbour(0)
-    """The paper's Vehicle 1, behind which the ego is to be: the target is seen from it."""
-    follower: Neighbour = neighbour(1)
-    """The paper's Vehicle 2: the gap is between it and the leader. The barrier is against every neighbour."""
     k_p: Annotated[NonNegative, Unit(0, -2)] = 0.7
     """Position gain, 1/s^2 (the paper's eq. for u^n writes k_d once; it is k_p)."""
     k_v: Annotated[NonNegative, Unit(0, -1)] = 2.0
@@ -61,14 +48,10 @@ class Law(Frozen):
     """Time scale of the opinion, s."""
     eps_1: Annotated[NonNegative, Unit(0, -1)] = 0.5
     """Fastest divergent flow of the gap that still counts as staying open, 1/s."""
-    r_m: Positive = 0.6
-    """Safe margin r between front axles, m."""
     r_rho_m: float
     """Offset r^rho of the target behind Vehicle 1, m; negative, because rho points forward."""
     r_eta_m: float
     """Lateral offset r^eta of the target while w = 0, m: where the ego's own lane is."""
-    eps_v_mps: Annotated[Positive, Acts(on=WHEELS, continuous=True)] = 0.1
-    """Speed below which the bicycle inverse uses sign(v_r) eps_v in place of v_r, m/s (sign(0) = +1)."""
     d_cap_m: Annotated[Positive, _CAPPED] = 0.05
     """Distance below which the variants ``capped`` and ``guarded`` let the barrier grow no further, m.
 
@@ -76,13 +59,3 @@ class Law(Frozen):
     """
     z_floor: Annotated[Positive, _FLOORED] = 1e-3
     """Smallest opinion under the variant ``z_floor``, 1; at 1e-3 the target moves by 4 % of r_eta for it."""
-
-    @property
-    def j_1(self) -> int:
-        """Where the leader is along the axis of neighbours."""
-        return slot(self.leader) or 0
-
-    @property
-    def j_2(self) -> int:
-        """Where the follower is along the axis of neighbours."""
-        return slot(self.follower) or 0

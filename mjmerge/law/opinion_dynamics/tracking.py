@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.state import Array
 
 RHO = np.array([1.0, 0.0])
@@ -18,17 +18,17 @@ ETA = np.array([0.0, 1.0])
 """Lateral unit vector of the road, in the road frame."""
 
 
-def weight(law: Law, z: Array) -> Array:
+def weight(law: Parameters, z: Array) -> Array:
     """w(z) = tanh(k_w z), (N,)."""
     return np.tanh(law.k_w * z)
 
 
-def target(law: Law, w: Array) -> Array:
+def target(law: Parameters, w: Array) -> Array:
     """e_1*, where the ego should be as seen from the leader, m, (N, 2)."""
     return law.r_rho_m * RHO + (1 - w)[:, None] * (law.r_eta_m * ETA)
 
 
-def track(law: Law, e_1: Array, e_1_star: Array, nu_1: Array, u_1: Array) -> Array:
+def track(law: Parameters, e_1: Array, e_1_star: Array, nu_1: Array, u_1: Array) -> Array:
     """u_n, m/s^2, (N, 2).
 
     Args:

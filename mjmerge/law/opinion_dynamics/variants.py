@@ -13,13 +13,13 @@ from functools import cache
 import numpy as np
 
 from mjmerge.errors import MjmergeError, nearest
-from mjmerge.law.opinion_dynamics.parameters import Law
+from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.state import Array
 
 LITERAL = "literal"
 
 Consent = Callable[[Array, Array, Array, Array], Array]
-Approach = Callable[[Law, Array, Array], tuple[Array, Array]]
+Approach = Callable[[Parameters, Array, Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Part:
     why: str
     consent: Consent | None = None
     approach: Approach | None = None
-    least_z: Callable[[Law], float] | None = None
+    least_z: Callable[[Parameters], float] | None = None
     leader: Callable[[Array], Array] | None = None
 
 
@@ -47,19 +47,19 @@ def _gated(x: Array, beside: Array, room: Array, open_: Array) -> Array:
     return np.where((beside < 0) & (room > 0) & (open_ > 0), size, -size)
 
 
-def _one_sided(law: Law, d: Array, d_dot: Array) -> tuple[Array, Array]:
+def _one_sided(law: Parameters, d: Array, d_dot: Array) -> tuple[Array, Array]:
     """Only closing counts."""
     del law
     return d, np.minimum(d_dot, 0.0)
 
 
-def _guarded(law: Law, d: Array, d_dot: Array) -> tuple[Array, Array]:
+def _guarded(law: Parameters, d: Array, d_dot: Array) -> tuple[Array, Array]:
     """Inside the margin, closing is damped as at d_cap and leaving is free: never a pull inward."""
     outside = d > 0
     return np.where(outside, d, law.d_cap_m), np.where(outside, d_dot, np.minimum(d_dot, 0.0))
 
 
-def _capped(law: Law, d: Array, d_dot: Array) -> tuple[Array, Array]:
+def _capped(law: Parameters, d: Array, d_dot: Array) -> tuple[Array, Array]:
     """1/d is at most 1/d_cap, inside the margin too; two-sided there as everywhere."""
     return np.maximum(d, law.d_cap_m), d_dot
 
@@ -105,7 +105,7 @@ class Reading:
 
     consent: tuple[Consent, ...]
     approach: tuple[Approach, ...]
-    least_z: tuple[Callable[[Law], float], ...]
+    least_z: tuple[Callable[[Parameters], float], ...]
     leader: tuple[Callable[[Array], Array], ...]
 
 

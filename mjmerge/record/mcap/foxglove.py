@@ -23,7 +23,7 @@ def text(scenario: Scenario, paint: Mapping[str, Array]) -> str:
         scenario: the run's; the cameras stand at distances that suit its safety margin.
         paint: colour of each car, 0 to 1.
     """
-    r_m = scenario.law.r_m
+    r_m = scenario.r_m
     busy = [fox.TabItem(title=p.name, content=_plot(p)) for p in plots.actuation(scenario, paint)]
     left = _split(
         "column",

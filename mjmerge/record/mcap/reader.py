@@ -277,9 +277,12 @@ def _number(
     from mjmerge.record import schema
 
     step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
-    wire = schema.Wire(content.roster_of(found.manifest))
+    wire = schema.Wire.of(found.manifest)
     for topic, (times, messages) in rows.items():
         kind = schema.message_of(topic) or ""
+        if kind not in wire.messages:
+            found.flaws.append(f"{topic} in it, and the run has none")
+            continue
         values = wire.layout(kind).decode([m.data for m in messages])
         if values is None:
             leaves = attrgetter(*_leaves(wire.messages[kind]))

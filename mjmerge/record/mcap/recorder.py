@@ -43,7 +43,7 @@ class McapRecorder:
         self._layouts = {"/tf": _transforms_layout(scene)}
         self._channels = {"/tf": self._channel("/tf", fox.FrameTransforms.get_schema())}
         there = header.scenario.roster
-        self._wire = schema.Wire(there)
+        self._wire = schema.Wire(there, header.signals)
         descriptors = self._wire.descriptor_set()
         self._kinds = self._wire.kinds(told=header.told)
         for topic, message in self._kinds.items():

@@ -19,9 +19,10 @@ from mjmerge.record.recording import Header, PosedBlock
 from mjmerge.record.rerun import arrow, layout
 from mjmerge.record.rerun.arrow import Template
 from mjmerge.record.scene import DISC_RGBA, Scene, Shape
-from mjmerge.roster import Roster
+from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array
 from mjmerge.verdict import phases
+from mjmerge.verdict.hypotheses import own
 
 Still = list[tuple[str, rr.AsComponents]]
 """Entities and what never changes of them."""
@@ -36,21 +37,18 @@ _ARROW = Template(rr.Arrows3D.columns(vectors=_POINT))
 _CYLINDER_COLOR = Template(rr.Cylinders3D.columns(colors=[0]))
 
 
-def send_numbers(
-    stream: rr.RecordingStream, posed: PosedBlock, there: Roster, *, told: bool, root: str = ""
-) -> None:
+def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, header: Header, root: str = "") -> None:
     """Sends every column at consecutive ticks.
 
     Args:
         stream: where to.
         posed: the ticks.
-        there: who is in it.
-        told: whether what the ego was told is not the truth, and sent, too.
+        header: of the run; where what the ego was told is not the truth, that is sent, too.
         root: where the topics go.
     """
     times = times_of(posed.time_ns)
-    wire = schema.Wire(there)
-    for topic, message in wire.kinds(told=told).items():
+    wire = schema.Wire(header.scenario.roster, header.signals)
+    for topic, message in wire.kinds(told=header.told).items():
         numbers: Any = arrow.structs(wire, message, wire.rows(posed.block, topic))
         stream.send_columns(root + topic, times, numbers)
 
@@ -152,7 +150,7 @@ def send_states(
     stream: rr.RecordingStream, changes: Sequence[tuple[int, str, str]], timeline: str = layout.SIM_TIME
 ) -> None:
     """Sends changes of state: time in ns, subject, state."""
-    for subject in phases.NAMES:
+    for subject in dict.fromkeys((*phases.NAMES, *(about for _, about, _ in changes))):
         mine = [(at, state) for at, about, state in changes if about == subject]
         if mine:
             at = np.array([at for at, _ in mine], np.int64)
@@ -160,14 +158,14 @@ def send_states(
             stream.send_columns(layout.phase_entity(subject), times_of(at, timeline), states)
 
 
-def still_states() -> Still:
+def still_states(scenario: Scenario) -> Still:
     """How states are called and coloured."""
     return [
         (
             layout.phase_entity(subject),
             rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject)),
         )
-        for subject, names in phases.NAMES.items()
+        for subject, names in {**phases.NAMES, **dict.fromkeys(own(scenario.law), phases.CONTRACT)}.items()
     ]
 
 
@@ -209,7 +207,7 @@ def still_life(header: Header, scene: Scene) -> Still:
     colors = [scene.paint[car] for car in scene.cars]
     still.append(("/world/trails", rr.LineStrips3D.from_fields(colors=colors, radii=[_TRAIL_R * r_m])))
     levels = still_levels(plots.everything(header.scenario, scene.paint))
-    return [*still, *still_arrows(scene), *still_states(), *levels]
+    return [*still, *still_arrows(scene), *still_states(header.scenario), *levels]
 
 
 def still_frames(scene: Scene, entity: Callable[[str], str], colored: bool = False) -> Still:

@@ -9,13 +9,14 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
+from mjmerge.law.outside import is_name
 from mjmerge.record import plots, schema
 from mjmerge.record.plots import Line, Plot
 from mjmerge.record.rerun import arrow
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array
-from mjmerge.verdict.hypotheses import HYPOTHESES
-from mjmerge.verdict.phases import NAMES
+from mjmerge.verdict.hypotheses import called
+from mjmerge.verdict.phases import CONTRACT, NAMES, WATCHED
 
 SIM_TIME, MCAP_TIME = "sim_time", "message_log_time"
 """Simulated time in our own files, and in an MCAP as Rerun reads it."""
@@ -36,13 +37,19 @@ def entity(frame: str) -> str:
 
 def phase_entity(subject: str) -> str:
     """Entity of what changes its state: ``/hypotheses/...`` for those, ``/phases/...`` otherwise."""
-    return f"/{'hypotheses' if subject in HYPOTHESES else 'phases'}/{subject.replace(' ', '_')}"
+    return f"/{'phases' if subject in WATCHED else 'hypotheses'}/{subject.replace(' ', '_')}"
+
+
+def own_hypothesis(entity: str) -> str | None:
+    """The hypothesis of a law's own that such an entity is about; ``None`` for any other entity."""
+    name = entity.removeprefix("/hypotheses/")
+    return called(name) if name != entity and is_name(name) else None
 
 
 def state_colors(subject: str) -> list[list[int]]:
     """Of the states of a subject, from the calmest on."""
     colors = _DECISION_COLORS if subject == "decision" else _STATE_COLORS
-    return colors[: len(NAMES[subject])]
+    return colors[: len(NAMES.get(subject, CONTRACT))]
 
 
 def blueprint(
@@ -99,7 +106,7 @@ def world_view(name: str, scenario: Scenario, camera: str = "camera/ego") -> rrb
         "3D": ((-3.5, -5.0, 3.5), (0, 0, 1)),
         "From above": ((0.0, 0.0, 6.5), (0, 1, 0)),
     }[name]
-    r_m = scenario.law.r_m
+    r_m = scenario.r_m
     middle_m = (scenario.initial.ego.front_m[1] + scenario.starts[1 + scenario.law.j_1].front_m[1]) / 2
     trail = rrb.VisibleTimeRange(
         SIM_TIME,
@@ -137,7 +144,8 @@ def plot_view(plot: Plot) -> rrb.TimeSeriesView:
 
 
 def _visualizer(line: Line) -> Any:
-    message = schema.LAW_MESSAGE if line.topic.endswith(schema.LAW_TOPIC) else schema.CAR_MESSAGE
+    ends = {schema.LAW_TOPIC: schema.LAW_MESSAGE, schema.SIGNAL_TOPIC: schema.SIGNAL_MESSAGE}
+    message = next((m for topic, m in ends.items() if line.topic.endswith(topic)), schema.CAR_MESSAGE)
     source = VisualizerComponentMapping(
         "Scalars:scalars",
         ComponentSourceKind.SourceComponent,

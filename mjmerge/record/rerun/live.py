@@ -129,7 +129,7 @@ def _show(source: IO[bytes], port: int) -> None:
     from mjmerge.record.rerun.stream import new_stream
 
     header: Header = pickle.load(source)
-    scene = Scene(header.model, header.scenario.law.r_m)
+    scene = Scene(header.model, header.scenario.r_m)
     stream = new_stream(APPLICATION)
     blueprint = layout.blueprint(header.scenario, scene.paint, live=True)
     stream.connect_grpc(f"rerun+http://{HOST}:{port}/proxy", default_blueprint=blueprint)

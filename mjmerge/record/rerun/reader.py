@@ -131,9 +131,11 @@ def gather_rrd(path: Path) -> Found:
             elif entity == "/events" and "TextLog:text" in names:
                 rows = zip(time_ns_of(batch), batch["TextLog:level"], batch["TextLog:text"], strict=True)
                 found.said += [(int(t), _LEVELS[n.as_py()[0]], text.as_py()[0]) for t, n, text in rows]
-            elif entity in subjects and "StateChange:state" in names:
+            elif (subject := subjects.get(entity) or layout.own_hypothesis(entity)) and (
+                "StateChange:state" in names
+            ):
                 changes = zip(time_ns_of(batch), batch["StateChange:state"], strict=True)
-                found.states += [(int(t), subjects[entity], s.as_py()[0] or ENDED) for t, s in changes]
+                found.states += [(int(t), subject, s.as_py()[0] or ENDED) for t, s in changes]
         except ContentError:
             raise
         except _ODD:
@@ -151,9 +153,12 @@ def _number(found: Found, parts: dict[str, list[tuple[Ticks, pa.Array]]]) -> Non
 
     if found.schema_version not in SCHEMA_VERSIONS:
         return
-    wire = schema.Wire(content.roster_of(found.manifest))
+    wire = schema.Wire.of(found.manifest)
     step_ns = found.manifest.get("control_step_s", 1.0) * NS_PER_S
     for entity, raw in parts.items():
+        if schema.message_of(entity) not in wire.messages:
+            found.flaws.append(f"{entity} in it, and the run has none")
+            continue
         some: list[tuple[Ticks, Array]] = []
         for times, values in raw:
             try:

@@ -91,7 +91,7 @@ def write_comparison(path: Path, sides: Sequence[Side]) -> None:
         _Told(
             side,
             f"{plots.entity(side.label)}_{k}" if _twice(side, sides) else plots.entity(side.label),
-            Scene(side.header.model, side.header.scenario.law.r_m),
+            Scene(side.header.model, side.header.scenario.r_m),
             k == len(sides) - 1,
         )
         for k, side in enumerate(sides)
@@ -141,9 +141,7 @@ def _tell(stream: rr.RecordingStream, told: _Told) -> None:
             columns={name: values[part] for name, values in posed.block.columns.items()},
         )
         chunk = replace(posed, block=block, time_ns=posed.time_ns[part])
-        send_numbers(
-            stream, chunk, told.side.header.scenario.roster, told=told.side.header.told, root=f"/{told.name}"
-        )
+        send_numbers(stream, chunk, told.side.header, root=f"/{told.name}")
 
 
 def _plots(told: Sequence[_Told]) -> list[Plot]:

@@ -1,0 +1,91 @@
+"""What a law may see, and what follows from it: distances, their rates, and the gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mjmerge.state import Array, Cars, dot, norm
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """All the law ever sees of the world, of an ego and C - 1 neighbours.
+
+    Attributes:
+        p: the ego's front axle, m, (N, 2).
+        v: its velocity, m/s, (N, 2).
+        p_j: the neighbours' front axles, m, (N, C-1, 2), neighbour before component.
+        v_j: their velocities, m/s, (N, C-1, 2).
+        u_1: acceleration that the leader intends, as if it told the ego, m/s^2, (N, 2).
+    """
+
+    p: Array
+    v: Array
+    p_j: Array
+    v_j: Array
+    u_1: Array
+
+    @classmethod
+    def of(cls, cars: Cars, u_1: Array) -> Sensed:
+        """From the motion of all cars and what the leader intends, m/s^2, (N, 2)."""
+        p, v = cars.front_m, cars.velocity_mps
+        return cls(p=p[:, 0], v=v[:, 0], p_j=p[:, 1:], v_j=v[:, 1:], u_1=u_1)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Distances and gap, in the paper's letters.
+
+    Attributes:
+        g: unit vectors from the neighbours to the ego, (N, C-1, 2).
+        d: distances d_j, m, (N, C-1).
+        d_dot: their rates, m/s, (N, C-1).
+        dbar: gap between the leader and the follower less r, m, (N,).
+        dbar_dot: its rate, m/s, (N,).
+    """
+
+    g: Array
+    d: Array
+    d_dot: Array
+    dbar: Array
+    dbar_dot: Array
+
+
+class Terms(Protocol):
+    """What distances are measured by: the margin, and who leads and who follows."""
+
+    @property
+    def r_m(self) -> float:
+        """The margin r, m."""
+
+    @property
+    def j_1(self) -> int:
+        """Where the leader is along the axis of neighbours."""
+
+    @property
+    def j_2(self) -> int:
+        """Where the follower is."""
+
+
+def _unit(a: Array, length: Array) -> Array:
+    """a/length, and zero where the length is."""
+    return a / np.where(length == 0, 1.0, length)[..., None]
+
+
+def geometry(law: Terms, sensed: Sensed) -> Geometry:
+    """Distances to every neighbour, and the gap between the two that the law names, with its margin r."""
+    e = sensed.p[:, None] - sensed.p_j
+    distance = norm(e)
+    g = _unit(e, distance)  # from the neighbour to the ego; the paper's text has it the other way round
+    p_21 = sensed.p_j[:, law.j_2] - sensed.p_j[:, law.j_1]
+    gap = norm(p_21)
+    return Geometry(
+        g=g,
+        d=distance - law.r_m,
+        d_dot=dot(g, sensed.v[:, None] - sensed.v_j),
+        dbar=gap - law.r_m,
+        dbar_dot=dot(_unit(p_21, gap), sensed.v_j[:, law.j_2] - sensed.v_j[:, law.j_1]),
+    )
