@@ -17,6 +17,7 @@ import numpy as np
 
 from mjmerge.config.acts import BODIES, EVERY, LIMITS, WHEELS
 from mjmerge.law import Law, Signal
+from mjmerge.law.cbf_qp import CbfQp
 from mjmerge.law.opinion_dynamics.barrier import effective_distance
 from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.scenario.cars import car_sheets
@@ -49,7 +50,7 @@ class Hypothesis:
         reads: columns of the trace that this needs.
         plants: which plants have the thing.
         sampled: whether it is about a command that is held, or late: not asked in continuous time.
-        paper: whether it is one of the paper's law, and not asked of others.
+        laws: whose it is.
     """
 
     name: str
@@ -58,13 +59,12 @@ class Hypothesis:
     reads: tuple[str, ...]
     plants: tuple[str, ...] = EVERY
     sampled: bool = False
-    paper: bool = False
+    laws: tuple[type[Law], ...] = (Law,)
 
     def asked(self, trace: Trace) -> bool:
         """Whether the trace's world has what this is about."""
-        law = trace.scenario.law
         there = trace.plant in self.plants and not (self.sampled and trace.continuous)
-        return there and (isinstance(law, Parameters) or not self.paper)
+        return there and isinstance(trace.scenario.law, self.laws)
 
 
 def asked(trace: Trace) -> dict[str, Hypothesis]:
@@ -265,14 +265,34 @@ def _prompt(trace: Trace) -> Mask:
     return late
 
 
+def _starts_within(trace: Trace) -> Mask:
+    law = trace.scenario.law
+    assert isinstance(law, CbfQp)
+    psi = trace.distance_rate_mps[:, 0] + law.alpha_1 * trace.distance_m[:, 0]
+    return _at_start(trace, np.any(psi < 0, axis=1))
+
+
+def _as_assumed(trace: Trace) -> Mask:
+    """Those that nobody tells the ego of: all but the leader."""
+    law = trace.scenario.law
+    assert isinstance(law, CbfQp)
+    e = trace.front_m[:, :, :1] - trace.front_m[:, :, 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        towards = dot(e / norm(e)[..., None], trace.u_mps2[:, :, 1:])
+    others = np.arange(towards.shape[2]) != law.j_1
+    harder: Mask = np.any(towards[..., others] > law.a_j_mps2, axis=2)
+    return harder
+
+
 _DISTANCES = ("distance_m", "distance_rate_mps")
+_PAPER: tuple[type[Law], ...] = (Parameters,)
 
 HYPOTHESES: dict[str, Hypothesis] = {
     one.name: one
     for one in (
         Hypothesis("safe start", "d_j(0) > 0", _safe_start, ("distance_m",)),
         Hypothesis("bounded start", "d_j'(0)/d_j(0) is finite", _bounded_start, _DISTANCES),
-        Hypothesis("opinion is positive", "z > 0", _opinion_awake, ("opinion",), paper=True),
+        Hypothesis("opinion is positive", "z > 0", _opinion_awake, ("opinion",), laws=_PAPER),
         Hypothesis(
             "barrier is on",
             "k_o > 0, and nothing keeps k_o/d_j from growing",
@@ -339,7 +359,7 @@ HYPOTHESES: dict[str, Hypothesis] = {
             _sampled_finely,
             _DISTANCES,
             sampled=True,
-            paper=True,
+            laws=_PAPER,
         ),
         Hypothesis(
             "delay small against d",
@@ -347,7 +367,21 @@ HYPOTHESES: dict[str, Hypothesis] = {
             _prompt,
             ("distance_m",),
             sampled=True,
-            paper=True,
+            laws=_PAPER,
+        ),
+        Hypothesis(
+            "starts within the barriers",
+            "d_j'(0) + alpha_1 d_j(0) >= 0",
+            _starts_within,
+            _DISTANCES,
+            laws=(CbfQp,),
+        ),
+        Hypothesis(
+            "neighbours accelerate as assumed",
+            "no neighbour but the leader accelerates towards the ego by more than a_j",
+            _as_assumed,
+            ("front_m", "u_mps2"),
+            laws=(CbfQp,),
         ),
         Hypothesis(
             "margin covers the bodies",

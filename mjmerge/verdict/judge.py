@@ -25,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjmerge.law import OpinionDynamics
 from mjmerge.simulation.trace import Stop, Trace, check_trace
 from mjmerge.state import Array, Mask, dot
 from mjmerge.verdict.counterfactual import guarded, with_barrier_m, without_barrier_m
@@ -271,8 +272,8 @@ def _dissipates(trace: Trace, run: int) -> bool:
 
     That is along - sum_j g_j d_j'/d_j. Its work on one pair says nothing: away from one is towards another.
     """
-    if "u_c_mps2" not in trace.scenario.law.gives:
-        return True  # it has no such part that could be looked at
+    if not isinstance(trace.scenario.law, OpinionDynamics):
+        return True  # no other claims that
     g = trace.front_m[run, :, :1] - trace.front_m[run, :, 1:]
     g /= np.linalg.norm(g, axis=-1, keepdims=True)
     closing = -trace.distance_rate_mps[run] / trace.distance_m[run]

@@ -272,7 +272,7 @@ def test_a_missing_name_wrong_arguments_and_what_is_no_law_are_said(here):
 
 
 def test_the_command_line_ends_with_2_and_the_line_of_the_scenario(here, capsys):
-    law("return seen.q")
+    law("return seen.q", head="def mine(seen, memory, dt, *, r_rho_m):")
     queue()
     assert command("run", "queue.yaml", "--out", "out") == 2
     said = capsys.readouterr().err
@@ -283,10 +283,8 @@ def test_the_command_line_ends_with_2_and_the_line_of_the_scenario(here, capsys)
 # and what goes wrong later stops that run alone
 
 
-AT_HALF = (
-    "memory['t'] = memory.get('t', np.zeros(len(seen.p))) + dt\n"
-    "who = (seen.p[:, 1] > {y}) & (np.abs(memory['t'] - 0.51) < 0.004)\n"
-)
+TIME = "memory['t'] = memory.get('t', np.zeros(len(seen.p))) + dt\n"
+AT_HALF = TIME + "who = (seen.p[:, 1] > {y}) & (np.abs(memory['t'] - 0.51) < 0.004)\n"
 
 
 @pytest.mark.parametrize(
@@ -322,9 +320,7 @@ def test_a_law_that_fails_in_mid_run_stops_that_run_and_leaves_the_others_alone(
 
 
 def test_a_run_that_its_law_stopped_ends_with_3_and_is_recorded_as_far_as_it_went(here, capsys):
-    law(
-        "memory['t'] = memory.get('t', np.zeros(len(seen.p))) + dt\nassert (memory['t'] < 0.3).all()\nreturn -seen.v"
-    )
+    law(TIME + "assert (memory['t'] < 0.3).all()\nreturn -seen.v")
     assert command("run", "charge", "--set", SHORT, "--set", OURS, "--plant", "bicycle", "--out", "out") == 3
     assert "AssertionError" in capsys.readouterr().out.replace("\n", " ")
     found = read(Path("out/run.mcap"))
