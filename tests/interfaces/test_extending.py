@@ -19,7 +19,7 @@ def block(name: str) -> str:
     return re.search(rf"<!-- {name} -->\n```\w+\n(.*?)```", TEXT, re.DOTALL).group(1)
 
 
-@pytest.mark.parametrize("kind", ["driver", "metric"])
+@pytest.mark.parametrize("kind", ["law", "driver", "metric"])
 def test_every_example_of_the_page_runs_with_the_command_below_it(kind, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     code = block(kind)
