@@ -65,6 +65,12 @@ def topics() -> str:
             "every tick",
             "the numbers, float64, bit for bit",
         ),
+        (
+            "`/signals`",
+            "`/signals`",
+            "every tick",
+            "`SignalState`: what a law records of its own, named by it; the manifest says what each is",
+        ),
         ("`/tf`", "`/world/<car>/<body>`, ...", drawn, "poses of all that is drawn, in the world, float32"),
         (
             "`/scene`",

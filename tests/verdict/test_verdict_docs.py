@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 from mjmerge.cli import main
+from mjmerge.law import Law
+from mjmerge.law.cbf_qp import CbfQp
 from mjmerge.law.opinion_dynamics import law
+from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.verdict.hypotheses import HYPOTHESES
 from mjmerge.verdict.judge import VERDICTS
 
@@ -55,4 +58,5 @@ def test_the_table_of_hypotheses_is_that_of_their_declarations():
 
 def where(one):
     plants = {4: "everywhere", 3: "on wheels", 2: "where there are limits", 1: "where there are bodies"}
-    return plants[len(one.plants)] + (", not in continuous time" if one.sampled else "")
+    whose = {Law: "", Parameters: ", of the paper's law", CbfQp: ", of `cbf_qp`"}[one.laws[0]]
+    return plants[len(one.plants)] + (", not in continuous time" if one.sampled else "") + whose
