@@ -84,8 +84,8 @@ class Sweep:
     def _campaign(self) -> int:
         from rich.console import Console
 
+        from mjmerge.sweep import laws, tally
         from mjmerge.sweep import report as sweep_report
-        from mjmerge.sweep import tally
         from mjmerge.sweep.campaign import plan
         from mjmerge.sweep.folder import TABLE
         from mjmerge.sweep.sweep import sweep
@@ -97,7 +97,8 @@ class Sweep:
         sweep_report.write(planned, found, folder)
         summary = tally.summary(planned, found)
         if self.json:
-            print(json.dumps(summary | {"out": str(folder)}))
+            of_laws = {"laws": laws.summary(found.to_pylist())}
+            print(json.dumps(summary | of_laws | {"out": str(folder)}))
         else:
             console = Console(highlight=False)
             count = f"{len(planned.cases)} runs, {summary['distinct']} distinct"

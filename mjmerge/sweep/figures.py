@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, sheet, words
+from mjmerge.roster import paint
 from mjmerge.sweep.campaign import GRID, RANDOM
 from mjmerge.sweep.plan import Plan
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, Rows, groups
@@ -15,7 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PANELS = 24
-_VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], OPINION, MU)
+_MORE = ("vehicle_3", "vehicle_4", "vehicle_5", "vehicle_6")
+"""Cars whose colours further laws have."""
+_VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], OPINION, MU, *map(paint, _MORE))
 _OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}
 
 
@@ -53,13 +56,15 @@ def _margins(title: str, rows: Rows) -> Figure:
     """Least d_j of every named mismatch, a dot per law variant; crosses are failures."""
     names = list(dict.fromkeys(row["mismatch"] for row in rows))
     figure, (axes,) = sheet((1,), 1.4 + 0.17 * len(names))
+    laws = len(groups(rows, ("variant",)))
+    beside = [0.6 * ((shown + 0.5) / laws - 0.5) for shown in range(laws)]
     for shown, ((variant,), of) in enumerate(groups(rows, ("variant",)).items()):
         colour = _VARIANTS[shown % len(_VARIANTS)]
         axes.scatter([], [], s=22, color=colour, label=variant)
         for failed, marker in ((False, "o"), (True, "X")):
             part = [r for r in of if (r["outcome"] == FAILED) == failed and r["min_distance_m"] is not None]
             margins = [row["min_distance_m"] for row in part]
-            heights = [names.index(row["mismatch"]) + 0.15 * (-1) ** shown for row in part]
+            heights = [names.index(row["mismatch"]) + beside[shown] for row in part]
             axes.scatter(margins, heights, color=colour, marker=marker, s=22, zorder=3)
     axes.scatter([], [], s=22, color="black", marker="X", label="failed")
     _limits(axes, rows, axes.axvline)

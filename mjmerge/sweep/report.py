@@ -13,6 +13,7 @@ import numpy as np
 from mjmerge.figures.style import save
 from mjmerge.outputs import put
 from mjmerge.scenario.distinct import distinct
+from mjmerge.sweep import laws
 from mjmerge.sweep.campaign import GRID, RANDOM
 from mjmerge.sweep.figures import figures
 from mjmerge.sweep.plan import Plan
@@ -99,6 +100,7 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
             for key, group in groups(rows).items()
         ],
     )
+    yield from laws.section(rows, _table)
     named = [row for row in rows if row["mismatch"] not in (GRID, RANDOM)]
     if len({row["mismatch"] for row in named}) > 1:
         yield from _by_name(named)

@@ -11,10 +11,13 @@ from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict import own
 from mjmerge.verdict.decision import decision
+from mjmerge.verdict.hypotheses import own as hypotheses
 from mjmerge.verdict.judge import VACUOUS, Verdict
 from mjmerge.verdict.metrics import (
     clear_ticks_without_margin,
     merged_at_s,
+    peak_u_mps2,
+    rms_jerk_mps3,
     saturated,
     touching_ticks_in_margin,
 )
@@ -45,10 +48,14 @@ NUMBERS = (
     "abort_s",
     "straddling_s",
     "least_z",
+    "peak_u_mps2",
+    "rms_jerk_mps3",
+    "own_broken_s",
 )
 """Columns that are numbers, or null where there is none; contacts are those of the ego.
 
-For so long bodies touched though d_j > 0, or stayed clear though d_j <= 0, all neighbours together.
+For so long bodies touched though d_j > 0, or stayed clear though d_j <= 0, all neighbours together. For
+``own_broken_s`` some hypothesis that the law brings was broken, such as that its programme can be met.
 """
 TEXTS = ("outcome", "verdict", "first_broken", "stopped")
 """Columns that are text; ``first_broken`` is the hypothesis that the verdict names: of an unsafe run, the
@@ -92,6 +99,7 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
     bodies = ~np.isnan(clearance)
     touching_s = np.where(bodies, touching_ticks_in_margin(trace).sum(axis=1) * step_s, np.nan)
     clear_s = np.where(bodies, clear_ticks_without_margin(trace).sum(axis=1) * step_s, np.nan)
+    peak, jerk, own_s = peak_u_mps2(trace), rms_jerk_mps3(trace), _own_broken_s(trace)
     stops = {stop.run: stop for stop in trace.stops}
     found: list[Row] = []
     for i, (verdict, decided) in enumerate(zip(verdicts, decision(trace), strict=True)):
@@ -120,6 +128,9 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
             "merged_at_s": _known(merged[i]),
             "saturated_s": float(busy_s[i]),
             **decided.as_dict(),
+            "peak_u_mps2": _known(peak[i]),
+            "rms_jerk_mps3": _known(jerk[i]),
+            "own_broken_s": _known(own_s[i]),
         }
         if decided.least_z is None or not np.isfinite(decided.least_z):
             row["least_z"] = None
@@ -129,6 +140,15 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
             row["outcome"] = row["outcome"] if row[METRICS_HELD] else FAILED
         found.append(row)
     return found
+
+
+def _own_broken_s(trace: Trace) -> Array:
+    """For how long some hypothesis of the law's own was broken, s, (N,); NaN where it brings none."""
+    marks = [one.marks(trace) for one in hypotheses(trace.scenario.law).values()]
+    if not marks:
+        return np.full(trace.runs, np.nan)
+    broken: Array = np.any(marks, axis=0).sum(axis=1) * trace.scenario.control_step_s
+    return broken
 
 
 def outcome(verdict: Verdict) -> str:

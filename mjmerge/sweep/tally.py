@@ -40,7 +40,7 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
         "distinct": len(distinct(rows)),
         "left_out": {why: list(axes) for why, axes in plan.left_out.items()},
         "outcomes": {name: sum(row["outcome"] == name for row in rows) for name in (PASSED, EMPTY, FAILED)},
-        "failure_rate": _as_json(failure_rate(rows)),
+        "failure_rate": as_json(failure_rate(rows)),
         "groups": [
             dict(zip(("scenario", "plant", "variant"), key, strict=True))
             | {
@@ -48,7 +48,7 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
                 "distinct": len(distinct(group)),
                 "no_effect": list(_idle(plan, group)),
                 "vacuous": vacuous_runs(group),
-                "failure_rate": _as_json(failure_rate(group)),
+                "failure_rate": as_json(failure_rate(group)),
                 "min_distance_m": least_m(group),
                 **({"metrics": own_metrics(plan, group)} if plan.metrics else {}),
             }
@@ -119,7 +119,8 @@ def command(plan: Plan, row: Mapping[str, Any]) -> str:
     return shlex.join(("mjmerge", *plan.cases[row["run"]].command))
 
 
-def _as_json(rate: Rate) -> dict[str, Any]:
+def as_json(rate: Rate) -> dict[str, Any]:
+    """A rate and its interval."""
     return {
         "failed": rate.count,
         "of": rate.of,

@@ -145,6 +145,22 @@ def saturated(trace: Trace) -> Mask:
     return (np.abs(trace.torque_clipped_n_m) > 1e-9) | (np.abs(trace.steer_clipped_rad) > 1e-9)
 
 
+def peak_u_mps2(trace: Trace) -> Array:
+    """Most that the law asks of the ego, m/s^2, (N,); NaN where nothing is known."""
+    u = np.hypot(*np.moveaxis(trace.u_mps2[:, :, 0], -1, 0))
+    most = np.where(np.isnan(u), -np.inf, u).max(axis=1)
+    return np.where(np.isinf(most), np.nan, most)
+
+
+def rms_jerk_mps3(trace: Trace) -> Array:
+    """Root mean square of the rate of what the law asks of the ego, over whole ticks, m/s^3, (N,)."""
+    change = np.diff(trace.u_mps2[:, :, 0], axis=1) / trace.scenario.control_step_s
+    squared = np.sum(change * change, axis=-1)
+    known = ~np.isnan(squared)
+    mean = np.where(known, squared, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return np.where(known.any(axis=1), np.sqrt(mean), np.nan)
+
+
 def touching_ticks_in_margin(trace: Trace) -> NDArray[np.int64]:
     """Ticks in which the ego touches a neighbour although d_j > 0, (N, C-1): too small a margin."""
     found: NDArray[np.int64] = np.sum(trace.touching_ego & (trace.distance_m > 0), axis=1)

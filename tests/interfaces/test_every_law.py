@@ -1,7 +1,7 @@
 """What every law promises, shipped or not.
 
-``pytest tests/interfaces/test_every_law.py --law '{kind: "mine.py:law", k_o: 2}'`` asks it of one of your own: its
-keys as they stand under ``law`` of a scenario. Keys that stand in ``charge`` need not be repeated.
+``pytest tests/interfaces/test_every_law.py --law '{kind: "mine.py:law", k_o: 2}'`` asks it of one of your
+own: its keys as they stand under ``law`` of a scenario. Keys that stand in ``charge`` need not be repeated.
 """
 
 from __future__ import annotations
@@ -79,12 +79,12 @@ def test_it_gives_a_finite_command_and_the_signals_that_it_declares(keys, neighb
 def test_a_simulation_alone_gets_the_bits_that_it_gets_among_others(keys):
     scenario, seen = under(keys), around(5)
     together, _ = course(scenario.law, seen, scenario.initial.opinion)
-    for run in range(5):
-        alone, _ = course(scenario.law, rows(seen, slice(run, run + 1)), scenario.initial.opinion)
+    for k in range(5):
+        alone, _ = course(scenario.law, rows(seen, slice(k, k + 1)), scenario.initial.opinion)
         for one, all_ in zip(alone, together, strict=True):
-            assert one.u.tobytes() == all_.u[run : run + 1].tobytes()
+            assert one.u.tobytes() == all_.u[k : k + 1].tobytes()
             for name, values in one.signals.items():
-                assert values.tobytes() == all_.signals[name][run : run + 1].tobytes()
+                assert values.tobytes() == all_.signals[name][k : k + 1].tobytes()
 
 
 def test_it_is_pure_and_alters_nothing_that_it_is_given(keys):

@@ -21,7 +21,7 @@ from mjmerge.cli import main
 from mjmerge.config import shipped
 from mjmerge.errors import OutputError
 from mjmerge.simulation.trace import Stop
-from mjmerge.sweep import campaign, tally
+from mjmerge.sweep import campaign, laws, tally
 from mjmerge.sweep import report as sweep_report
 from mjmerge.sweep.folder import SHARDS, TABLE, code_files, identity
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, rows
@@ -280,6 +280,30 @@ def test_the_command_prints_one_object_and_the_folder_holds_table_report_and_fig
     names = {p.name for p in (tmp_path / "out").iterdir()}
     assert names >= {"table.parquet", "report.md", "plan.json", "shards"}
     assert any(name.startswith("axes_") and name.endswith(".png") for name in names)
+
+
+def test_laws_stand_beside_each_other_with_what_each_buys_and_pays(tmp_path):
+    block = {
+        "scenarios": ["charge"],
+        "plants": ["double_integrator"],
+        "variants": ["literal"],
+        "laws": ["cbf_qp", "nominal"],
+        "set": {"control_step_s": 0.02},
+    }
+    planned = campaign.plan({"blocks": [block]})
+    found = sweep(planned, tmp_path / "out")
+    literal, filtered, nominal = laws.standings(found.to_pylist())
+    assert (literal.law, filtered.law, nominal.law) == ("literal", "cbf_qp", "nominal")
+    assert [one.failed.count for one in (literal, filtered, nominal)] == [0, 0, 1]
+    assert [one.merged for one in (literal, filtered, nominal)] == [0, 1, 1]
+    assert (literal.own_broken, nominal.own_broken, filtered.own_broken) == (None, None, 0)
+    assert nominal.worst_m < 0 < filtered.worst_m
+    assert 0 < nominal.jerk_mps3 < filtered.jerk_mps3
+    sweep_report.write(planned, found, tmp_path / "out")
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "## Laws" in text
+    assert "- **nominal** keeps its floor in 0 of the 1 runs that put it to the test, with -0.1" in text
+    assert len(laws.summary(found.to_pylist())) == 3
 
 
 def test_a_run_without_data_or_that_stopped_has_failed_and_a_vacuous_one_counts_neither_way(make_trace):
