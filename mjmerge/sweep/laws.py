@@ -93,8 +93,8 @@ def section(rows: Rows, table: Table) -> Iterator[str]:
     yield "## Laws"
     yield ""
     yield (
-        "Over distinct runs, all scenarios and mismatches together; times, demand (the most that is asked for) and "
-        "jerk (root mean square) are medians. Own: runs in which a hypothesis that the law brings broke."
+        "Over distinct runs, all scenarios and mismatches together; times, demand (the most that is asked "
+        "for) and jerk (root mean square) are medians. Own: runs in which a hypothesis of the law's own broke."
     )
     yield ""
     yield from table(tuple(_row(found[0])), [tuple(_row(one).values()) for one in found])
