@@ -94,7 +94,7 @@ def section(rows: Rows, table: Table) -> Iterator[str]:
     yield ""
     yield (
         "Over distinct runs, all scenarios and mismatches together; times, demand (the most that is asked "
-        "for) and jerk (root mean square) are medians. Own: runs in which a hypothesis of the law's own broke."
+        "for) and jerk (root mean square) are medians. Own: runs in which a hypothesis of its own broke."
     )
     yield ""
     yield from table(tuple(_row(found[0])), [tuple(_row(one).values()) for one in found])
