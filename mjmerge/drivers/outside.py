@@ -63,9 +63,9 @@ def let_in(value: Any, shipped: ValidatorFunctionWrapHandler) -> Any:
         raise ValueError(str(error)) from error
 
 
-def as_mapping(driver: Driver, info: SerializationInfo) -> dict[str, Any]:
-    """A driver's keys, whatever its class."""
-    return driver.model_dump(mode=info.mode)
+def as_mapping(driver: Any, info: SerializationInfo) -> Any:
+    """A driver's keys, whatever its class; what is none stays as it is, to be told."""
+    return driver.model_dump(mode=info.mode, warnings=False) if isinstance(driver, Driver) else driver
 
 
 def ask(driver: Driver, what: str, *arguments: Any) -> Any:

@@ -506,9 +506,9 @@ def let_in(value: Any, shipped: ValidatorFunctionWrapHandler) -> Any:
         raise ValueError(str(error)) from error
 
 
-def as_mapping(law: Law, info: SerializationInfo) -> dict[str, Any]:
-    """A law's keys, whatever its class."""
-    return law.model_dump(mode=info.mode)
+def as_mapping(law: Any, info: SerializationInfo) -> Any:
+    """A law's keys, whatever its class; what is none stays as it is, to be told."""
+    return law.model_dump(mode=info.mode, warnings=False) if isinstance(law, Law) else law
 
 
 class OrOutside:

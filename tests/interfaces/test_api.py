@@ -84,7 +84,7 @@ def altered(section: str, **keys):
         ),
         ({"physics_step_s": float("nan")}, "physics_step_s: must be a finite number"),
         ({"law": None}, "law: must be a mapping of keys"),
-        ({"law": SCENARIO.law.model_dump()}, "law: expected Law, got a mapping"),
+        ({"law": SCENARIO.law.model_dump()}, "law: expected OpinionDynamics, got a mapping"),
         ({"models": "rc"}, "models: must be a mapping"),
         ({"duration": 3.0}, "duration: unknown key; did you mean 'duration_s'"),
         (altered("law", k_0=1.0), "law.k_0: unknown key; did you mean 'k_o'"),
