@@ -24,8 +24,9 @@ from mjmerge.review.motion import motion
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.simulation.sensing import Sensing
 from mjmerge.simulation.trace import Trace, the_truth
-from mjmerge.state import Array, Cars, Mask, dot, norm
-from mjmerge.vehicle.actuation import BelievedCars, Feet, Steering, actuate
+from mjmerge.state import Array, Cars, Controls, Mask, dot, norm
+from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
+from mjmerge.vehicle.foresight import Foresight
 
 _DISTANCE_M = 1e-12
 """Distances follow from positions to the last bit on any processor; this much is allowed, or this part."""
@@ -170,25 +171,27 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
     """
     c, law = found.columns, trace.scenario.law
     u_j, stand = _neighbours(found, trace, cars)
-    sensed = Sensed(
-        p=c["sensed_front_m"][:, 0],
-        v=c["sensed_velocity_mps"][:, 0],
-        p_j=c["sensed_front_m"][:, 1:],
-        v_j=c["sensed_velocity_mps"][:, 1:],
-        u_1=c["sensed_leader_mps2"],
+    heading, speed, steer = c["heading_rad"].copy(), c["speed_mps"].copy(), c["steer_rad"].copy()
+    heading[:, 0], speed[:, 0] = c["sensed_heading_rad"], c["sensed_speed_mps"]
+    steer[:, 0] = c["sensed_steer_rad"]
+    seen = replace(
+        cars,
+        front_m=c["sensed_front_m"],
+        velocity_mps=c["sensed_velocity_mps"],
+        heading_rad=heading,
+        speed_mps=speed,
+        steer_rad=steer,
     )
-    seen_as = seen_geometry(law, sensed)
+    seen_as = seen_geometry(law, Sensed.of(seen, c["sensed_leader_mps2"]))
+    ahead = _foreseen(seen, found, trace)
+    sensed = Sensed.of(ahead, c["sensed_leader_mps2"])
     u_0, signals = c["u_mps2"][:, 0], {}  # a law whose code is not let in decided what it did
     if not isinstance(law, AbsentLaw):
         step_s = 0.0 if trace.continuous else found.step_s
         decision = law.decide(sensed, {name: c[name] for name in law.remembers}, step_s)
         u_0, signals = decision.u, dict(decision.signals)
-    heading, speed, steer = c["heading_rad"].copy(), c["speed_mps"].copy(), c["steer_rad"].copy()
-    heading[:, 0], speed[:, 0] = c["sensed_heading_rad"], c["sensed_speed_mps"]
-    steer[:, 0] = c["sensed_steer_rad"]
-    seen = replace(cars, heading_rad=heading, speed_mps=speed, steer_rad=steer)
     u = np.concatenate([u_0[:, None], u_j], axis=1)
-    actuated = _actuated(seen, u, stand, found, trace)
+    actuated = _actuated(ahead, u, stand, found, trace)
     for k, driver in enumerate(trace.scenario.neighbours, 1):
         if isinstance(driver, Absent):  # when it means to stand is its own
             for name in ("torque_n_m", "torque_clipped_n_m"):
@@ -249,13 +252,10 @@ def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) 
     """What the cars are told, by column, tick after tick: feet remember."""
     believed = BelievedCars.of(believed_sheets(trace.scenario), limited=trace.plant in LIMITS)
     eps_v_mps, feet = trace.scenario.law.eps_v_mps, Feet(found.step_s)
-    steering = Steering(commanded=trace.scenario.actuation.inverse == "commanded")
-    told = []
-    for k in range(len(found.ticks)):
-        row = slice(k, k + 1)
-        now = steering(at(seen, k))
-        told.append(actuate(now, u[row], believed, eps_v_mps, found.step_s, feet, stand[row]))
-        steering.told(told[-1])
+    told = [
+        actuate(at(seen, k), u[k : k + 1], believed, eps_v_mps, found.step_s, feet, stand[k : k + 1])
+        for k in range(len(found.ticks))
+    ]
     names = {
         "a_mps2": "a_mps2",
         "omega_radps": "omega_radps",
@@ -265,6 +265,31 @@ def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) 
         "steer_clipped_rad": "steer_clipped_rad",
     }
     return {column: np.concatenate([getattr(one, name) for one in told]) for column, name in names.items()}
+
+
+def _foreseen(seen: Cars, found: Recorded, trace: Trace) -> Cars:
+    """What law and inverse were shown, tick after tick, by what the recording says was commanded before."""
+    way, c = trace.scenario.actuation, found.columns
+    wheelbase_m = believed_sheets(trace.scenario)[0].wheelbase_m
+    foresee = Foresight(way.inverse, way.dead_time_s, found.step_s, wheelbase_m)
+    shown = []
+    for k in range(len(found.ticks)):
+        shown.append(foresee(at(seen, k)))
+        row = {name: c[column][k : k + 1] for name, column in _TOLD.items()}
+        foresee.told(Controls(**row, wheel_steer_rad=np.zeros(0)))
+    return Cars(**{name: np.concatenate([getattr(one, name) for one in shown]) for name in vars(seen)})
+
+
+_TOLD = {
+    "u_mps2": "u_mps2",
+    "a_mps2": "a_mps2",
+    "omega_radps": "omega_radps",
+    "steer_rad": "steer_command_rad",
+    "torque_n_m": "torque_n_m",
+    "torque_clipped_n_m": "torque_clipped_n_m",
+    "steer_clipped_rad": "steer_clipped_rad",
+}
+"""Controls, and the columns that hold them."""
 
 
 def _opinion(found: Recorded, trace: Trace) -> Check:

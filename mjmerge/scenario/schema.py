@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, ValidationInfo, field_validator
 
@@ -117,12 +117,22 @@ class Belief(Frozen):
     """Rolling radius, m."""
 
 
+def _foresees(scenario: Any) -> bool:
+    return bool(scenario.actuation.inverse == "predicted")
+
+
+_FORESEEN = Acts(on=WHEELS, when=_foresees, only="under actuation.inverse predicted")
+
+
 class Actuation(Frozen):
     """From the acceleration that the law asks for to what the ego's car is told."""
 
-    inverse: Annotated[Literal["measured", "commanded"], Acts(on=WHEELS)] = "measured"
+    inverse: Annotated[Literal["measured", "commanded", "predicted"], Acts(on=WHEELS)] = "measured"
     """Which steering angle the bicycle inverse takes for delta: the one that is measured, as printed, or the
-    one that was last commanded, with which a dead time does not make it weave."""
+    one that was last commanded, with which a dead time does not make it weave; predicted also takes the ego
+    and all others as they will be after dead_time_s."""
+    dead_time_s: Annotated[float, Field(ge=0, le=2), _FORESEEN] = 0.0
+    """Dead time that the inverse predicted reckons with, of measurements and commands together, s."""
 
 
 class Floor(Frozen):

@@ -19,7 +19,8 @@ from mjmerge.simulation.log import Log, Sink
 from mjmerge.simulation.sensing import Sensing
 from mjmerge.simulation.trace import Stop, Trace
 from mjmerge.state import Array, Cars, Controls
-from mjmerge.vehicle.actuation import BelievedCars, Feet, Steering, actuate
+from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
+from mjmerge.vehicle.foresight import Foresight
 from mjmerge.world.compose import build
 from mjmerge.world.model import World
 
@@ -94,7 +95,8 @@ def simulate(
         scenario.neighbours, seeds.tolist(), scenario.duration_s, starts_m, sheets[1:], hold_s, (j_1, law.j_2)
     )
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
-    steering = Steering(commanded=scenario.actuation.inverse == "commanded")
+    way = scenario.actuation
+    foresee = Foresight(way.inverse, way.dead_time_s, h, sheets[0].wheelbase_m)
     memory = law.start(runs, scenario.initial.opinion)
     running = np.ones(runs, dtype=bool)
     log = Log(
@@ -119,20 +121,21 @@ def simulate(
         # decide: the neighbours first, then the ego, which knows what the leader intends
         u_j = traffic.intend(cars, t)
         seen, u_1 = sense(cars, u_j[:, j_1])
-        sensed = Sensed.of(seen, u_1)
+        ahead = foresee(seen)
+        sensed = Sensed.of(ahead, u_1)
         decision = decided(law, sensed, memory, 0.0 if continuous else h)
         for run, why in decision.failed.items():
             if running[run]:
                 running[run] = False
                 log.stop(Stop(run, t, names[0], why))
         truth = geometry(law, Sensed.of(cars, u_j[:, j_1]))
-        told = truth if sense.exact else geometry(law, sensed)
+        told = truth if sense.exact else geometry(law, Sensed.of(seen, u_1))
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
         stands = traffic.stands(cars, t, u_j)
-        controls = actuate(steering(seen), u, believed, law.eps_v_mps, h, feet, stands)
-        steering.told(controls)
+        controls = actuate(ahead, u, believed, law.eps_v_mps, h, feet, stands)
+        foresee.told(controls)
 
         # record
         row = _row(cars, truth, told, controls, moving.contacts()) | _of_law(law, memory, decision)

@@ -7,7 +7,7 @@ was clipped, and by how much, comes out beside what is commanded.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -119,33 +119,6 @@ class Feet:
         rolls = rests & (a_mps2 * self._felt > 0)  # to where it means to go
         pressed: Array = np.where(waits, 0.0, a_mps2 - np.where(rolls, 0.0, self._felt))
         return np.where(self._feels, pressed, a_mps2)
-
-
-class Steering:
-    """The angle that the inverse of the ego takes for its steering angle: measured, or as last commanded.
-
-    The printed inverse divides by what is measured. Under a dead time that angle is old, and with it the
-    inverse makes a loop of its own, which weaves (see ``verdict/loops.py``); by the commanded angle the
-    steering cancels, and what is left is the delayed double integrator.
-    """
-
-    def __init__(self, *, commanded: bool) -> None:
-        """Args: whether it is the commanded one."""
-        self._commanded = commanded
-        self._angle: Array | None = None
-
-    def __call__(self, cars: Cars) -> Cars:
-        """The cars as the inverse is to see them; neighbours as they are."""
-        if not self._commanded:
-            return cars
-        steer, command = cars.steer_rad.copy(), cars.steer_command_rad.copy()
-        told = np.zeros(len(steer)) if self._angle is None else self._angle
-        steer[:, 0] = command[:, 0] = told
-        return replace(cars, steer_rad=steer, steer_command_rad=command)
-
-    def told(self, controls: Controls) -> None:
-        """Takes note of what the ego was told; call it once per control step."""
-        self._angle = controls.steer_rad[:, 0]
 
 
 def actuate(

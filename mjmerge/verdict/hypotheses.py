@@ -255,7 +255,10 @@ def _prompt(trace: Trace) -> Mask:
     late_s = column(trace.mismatch, "sensing_delay_s") + column(trace.mismatch, "command_delay_s")
     late: Mask = np.zeros(trace.distance_m.shape[:2], dtype=bool)
     law, wheelbase_m = _paper(trace), car_sheets(trace.scenario)[0].wheelbase_m
-    turns = trace.plant in WHEELS and trace.scenario.actuation.inverse == "measured"
+    way = trace.scenario.actuation
+    turns = trace.plant in WHEELS and way.inverse == "measured"
+    if way.inverse == "predicted" and trace.plant in WHEELS:
+        late_s = np.abs(late_s - way.dead_time_s)  # what it does not reckon with
     for run in np.flatnonzero(late_s > 0).tolist():
         d = trace.distance_m[run]
         near = d > 0

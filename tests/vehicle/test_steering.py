@@ -1,4 +1,4 @@
-"""The inverse by the commanded steering angle: late commands do not make it weave; else it is the printed."""
+"""The inverse by the commanded angle, and by the foreseen state: late commands do not make them weave."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from mjmerge.review.verify import verify
 from mjmerge.scenario.load import dump, load
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.simulation.loop import simulate
+from mjmerge.state import Cars, Controls
+from mjmerge.vehicle.foresight import Foresight
 from mjmerge.verdict.hypotheses import broken
 from mjmerge.verdict.judge import judge
 from mjmerge.verdict.loops import longest_delay_s
 
-COMMANDED = "actuation.inverse=commanded"
+COMMANDED, PREDICTED = "actuation.inverse=commanded", "actuation.inverse=predicted"
 
 
 def late(name, delay_s, *keys):
@@ -72,6 +74,101 @@ def test_what_is_left_is_the_delayed_double_integrator_whatever_the_speed(name):
     assert swings_up > 1.6
 
 
+def straight(x_m, speed_mps):
+    """An ego along the road, and somebody 5 m ahead at 2 m/s."""
+    v = np.array([[speed_mps, 2.0]])
+    none = np.zeros((1, 2))
+    return Cars(
+        front_m=np.array([[[x_m, 0.0], [5.0, 0.0]]]),
+        velocity_mps=np.stack([v, none], axis=-1),
+        heading_rad=none,
+        speed_mps=v,
+        steer_rad=none,
+        steer_command_rad=none,
+        clearance_m=np.ones((1, 1)),
+    )
+
+
+def commands(u_mps2):
+    """The ego told to accelerate straight on."""
+    none = np.zeros((1, 2))
+    return Controls(
+        u_mps2=np.array([[[u_mps2, 0.0], [0.0, 0.0]]]),
+        a_mps2=np.array([[u_mps2, 0.0]]),
+        omega_radps=none,
+        steer_rad=none,
+        wheel_steer_rad=np.zeros((1, 2, 2)),
+        torque_n_m=np.zeros((1, 2, 4)),
+        torque_clipped_n_m=none,
+        steer_clipped_rad=none,
+    )
+
+
+def predicted(name, delay_s, *keys, reckons_s=None):
+    reckons_s = delay_s if reckons_s is None else reckons_s
+    given = [PREDICTED, f"actuation.dead_time_s={reckons_s}", f"mismatch.command_delay_s={delay_s}"]
+    return load(name, [*given, *keys]).settled()
+
+
+def test_a_dead_time_that_is_known_is_made_up_for_where_the_commanded_angle_alone_swings_up():
+    """The ego of the test above, at 1.5 times the delay at which it would weave."""
+    calm = load("paper")
+    law, x_1 = calm.law, calm.initial.vehicle_1.front_m[0]
+    delay_s = 1.5 * float(longest_delay_s(np.array(law.k_v), law.k_p))
+    start = [f"initial.ego.front_m=[{x_1 + law.r_rho_m}, {law.r_eta_m + 0.01}]", "initial.z=0", "law.k_o=0"]
+    keys = "duration_s=20", *start
+    known = simulate(predicted("paper", delay_s, *keys), "bicycle")
+    unknown = simulate(late("paper", delay_s, *keys), "bicycle")
+    ends = [float(np.abs(t.steer_rad[0, -300:, 0]).max()) for t in (known, unknown)]
+    assert ends[0] < 1e-4
+    assert ends[1] > 0.1
+
+
+@pytest.mark.parametrize("delay_s", [0.1, 0.183])
+def test_what_is_foreseen_is_what_comes_of_an_ego_that_does_as_told(delay_s):
+    """Straight on, commands held over a control step: position and velocity a dead time later, exactly."""
+    h, ticks, rng = 0.01, 60, np.random.default_rng(0)
+    u = rng.uniform(-2, 2, ticks)
+    steps = 1000 * h  # the truth is stepped so finely that a command begins and ends on a step
+    fine = np.repeat(u, round(steps))
+    came = np.concatenate([np.zeros(round(1000 * delay_s)), fine])
+    v = 2.0 + np.concatenate([[0.0], np.cumsum(came) / 1000])
+    x = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2000)])
+    foresee = Foresight("predicted", delay_s, h, 0.26)
+    for k in range(ticks):
+        now, then = round(1000 * k * h), round(1000 * (k * h + delay_s))
+        shown = foresee(straight(x[now], v[now]))
+        assert shown.front_m[0, 0, 0] == pytest.approx(x[then], abs=1e-12)
+        assert shown.velocity_mps[0, 0, 0] == pytest.approx(v[then], abs=1e-12)
+        assert shown.front_m[0, 1, 0] == pytest.approx(5.0 + 2.0 * delay_s)  # who goes on as it does
+        foresee.told(commands(u[k]))
+
+
+def test_it_stands_more_than_the_commanded_angle_does(long):
+    trace = simulate(predicted("charge", 0.3, "physics_step_s=0.002"), "mujoco")
+    assert trace.min_distance_m.min() > 0.05
+    assert judge(trace)[0].verdict == "held"
+    if long:
+        assert simulate(late("charge", 0.3), "mujoco").min_distance_m.min() < 0
+
+
+def test_without_a_dead_time_of_its_own_it_is_the_commanded_angle():
+    keys = "duration_s=3", "mismatch.command_delay_s=0.05"
+    none = simulate(load("charge", [PREDICTED, *keys]), "bicycle")
+    assert none.front_m.tobytes() == simulate(load("charge", [COMMANDED, *keys]), "bicycle").front_m.tobytes()
+
+
+def test_what_it_does_not_reckon_with_is_what_the_contract_asks_about():
+    for reckons_s, breaks in ((0.35, False), (0.1, True)):
+        scenario = predicted("charge", 0.35, "duration_s=8", reckons_s=reckons_s)
+        assert broken(simulate(scenario, "bicycle"))["delay small against d"].any() == breaks
+
+
+def test_a_dead_time_is_refused_where_nothing_reckons_with_it():
+    with pytest.raises(ScenarioError, match=r"dead_time_s: acts only under actuation.inverse predicted"):
+        simulate(load("charge", [COMMANDED, "actuation.dead_time_s=0.1"]), "bicycle")
+
+
 def test_the_delay_that_the_contract_allows_is_that_of_the_loop_that_is_there():
     """0.17 s: too late for the printed inverse at 2 m/s, not for this one."""
     for keys, breaks in (([], True), ([COMMANDED], False)):
@@ -80,8 +177,9 @@ def test_the_delay_that_the_contract_allows_is_that_of_the_loop_that_is_there():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_its_recordings_verify_and_run_again(plant, tmp_path):
-    scenario = late("charge", 0.053, "duration_s=0.8", "mismatch.steer_noise_rad=0.01")
+@pytest.mark.parametrize("by", [late, predicted])
+def test_its_recordings_verify_and_run_again(by, plant, tmp_path):
+    scenario = by("charge", 0.053, "duration_s=0.8", "mismatch.steer_noise_rad=0.01")
     path, out = tmp_path / "s.yaml", tmp_path / "out"
     path.write_text(dump(scenario))
     with pytest.raises(SystemExit):
@@ -92,8 +190,9 @@ def test_its_recordings_verify_and_run_again(plant, tmp_path):
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_a_run_is_the_run_alone(plant):
-    scenario = late("charge", 0.08, "duration_s=0.6", "mismatch.neighbour_position_noise_m=0.005")
+@pytest.mark.parametrize("by", [late, predicted])
+def test_a_run_is_the_run_alone(by, plant):
+    scenario = by("charge", 0.08, "duration_s=0.6", "mismatch.neighbour_position_noise_m=0.005")
     together = simulate(scenario, plant, runs=3)
     alone = simulate(scenario, plant, seed=2)
     assert together.front_m[2].tobytes() == alone.front_m[0].tobytes()
@@ -102,5 +201,5 @@ def test_a_run_is_the_run_alone(plant):
 def test_it_is_refused_where_nothing_steers_and_misspelt():
     with pytest.raises(ScenarioError, match=r"actuation\.inverse: acts on bicycle"):
         simulate(load("charge", [COMMANDED]), "double_integrator")
-    with pytest.raises(ScenarioError, match=r"must be 'measured' or 'commanded'"):
+    with pytest.raises(ScenarioError, match=r"must be 'measured', 'commanded' or 'predicted'"):
         load("charge", ["actuation.inverse=command"])
