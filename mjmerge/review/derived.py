@@ -16,8 +16,9 @@ from pydantic import PrivateAttr
 
 from mjmerge.config.acts import LIMITS
 from mjmerge.drivers import Absent, Along, Driver, Traffic
-from mjmerge.law import AbsentLaw, Decision, Law, Memory, Sensed
+from mjmerge.law import AbsentLaw, Decision, Law, Memory, Sensed, remembered
 from mjmerge.law import geometry as seen_geometry
+from mjmerge.law.outside import slice_each
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
@@ -187,8 +188,7 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
     sensed = Sensed.of(ahead, c["sensed_leader_mps2"])
     u_0, signals = c["u_mps2"][:, 0], {}  # a law whose code is not let in decided what it did
     if not isinstance(law, AbsentLaw):
-        step_s = 0.0 if trace.continuous else found.step_s
-        decision = law.decide(sensed, {name: c[name] for name in law.remembers}, step_s)
+        decision = _decided(found, trace, sensed)
         u_0, signals = decision.u, dict(decision.signals)
     u = np.concatenate([u_0[:, None], u_j], axis=1)
     actuated = _actuated(ahead, u, stand, found, trace)
@@ -203,6 +203,28 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
         "u_mps2": u,
         **actuated,
     }
+
+
+def _decided(found: Recorded, trace: Trace, sensed: Sensed) -> Decision:
+    """What the law makes of what it saw.
+
+    Of all ticks at once, or of one after the other where it remembers more than is recorded; after a gap
+    nobody knows what, and it decided what it did.
+    """
+    law, step_s, c = trace.scenario.law, 0.0 if trace.continuous else found.step_s, found.columns
+    memory = law.start(1, trace.scenario.initial.opinion)
+    if memory.keys() <= {*law.remembers}:
+        return law.decide(sensed, {name: c[name] for name in law.remembers}, step_s)
+    whole = int(np.argmin([*(found.ticks == np.arange(len(found.ticks))), False]))
+    made = []
+    for _, (now, _) in zip(range(whole), slice_each(sensed, {}), strict=False):
+        made.append(law.decide(now, memory, step_s))
+        memory = remembered(law, memory, made[-1], step_s)
+    names = [*law.gives, *(s.name for s in law.signals)]
+    return Decision(
+        np.concatenate([*(one.u for one in made), c["u_mps2"][whole:, 0]]),
+        {name: np.concatenate([*(one.signals[name] for one in made), c[name][whole:]]) for name in names},
+    )
 
 
 def _neighbours(found: Recorded, trace: Trace, cars: Cars) -> tuple[Array, Mask]:
