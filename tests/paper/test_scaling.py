@@ -20,7 +20,7 @@ from mjmerge.simulation.trace import COLUMNS
 
 NAMES = ("paper", "charge", "flips", "blocked", "leader_brakes", "stop_and_go")
 SHIPPED = [load(name) for name in NAMES]
-DIMENSIONLESS = {"k_w", "z", "mu", "z_floor", "at_least", "at_most", "exponent"}
+DIMENSIONLESS = {"k_w", "politeness", "z", "mu", "z_floor", "at_least", "at_most", "exponent"}
 PHYSICAL = {
     "friction", "left_friction", "patch_friction", "side_wind_n", "load_kg", "yaw_inertia", "wheel_radius",
     "front_stiffness", "rear_stiffness", "suspension_stiffness", "torque_limit", "brake_limit",
