@@ -114,6 +114,7 @@ def test_an_axis_changes_the_motion_exactly_where_it_says(axis, on_cars):
 
 KEYS = {
     "actuation.inverse": "commanded",
+    "actuation.dead_time_s": 0.05,
     "belief.wheelbase_m": 0.5,
     "belief.mass_kg": 9.0,
     "belief.wheel_radius_m": 0.08,
