@@ -45,7 +45,7 @@ class Roster:
 
     @property
     def pair_names(self) -> tuple[str, ...]:
-        """The same by name: ``ego_vehicle_1``."""
+        """Names of the pairs: ``ego_vehicle_1``."""
         return tuple(f"{self.cars[a]}_{self.cars[b]}" for a, b in self.pairs)
 
     @property

@@ -39,7 +39,7 @@ from mjmerge.world.model import World
 
 if TYPE_CHECKING:
     from mjmerge.record.rerun.live import Live
-    from mjmerge.record.rerun.side_by_side import Side
+    from mjmerge.record.rerun.side_by_side import ShownSide
 
 FILES = (
     *FORMATS,
@@ -59,7 +59,7 @@ IDEAL = "double_integrator"
 
 
 @dataclass(frozen=True)
-class Run:
+class FinishedRun:
     """What came of it.
 
     Attributes:
@@ -99,7 +99,7 @@ def run(
     record: bool = True,
     live: Callable[[Header], Live] | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Run:
+) -> FinishedRun:
     """Runs a scenario and leaves a run folder.
 
     Of several simulations, the worst is recorded in both formats; for Rerun also the median, up to three more
@@ -192,7 +192,7 @@ def run(
         except OutputError as error:
             failures.append(str(error))
     unseen_s = 0.0 if viewer is None else viewer.dropped_s
-    return Run(trace, verdicts, found, failures, replaced, unseen_s)
+    return FinishedRun(trace, verdicts, found, failures, replaced, unseen_s)
 
 
 def _accepted(scenario: Scenario, plant: str) -> list[Acceptance]:
@@ -202,7 +202,7 @@ def _accepted(scenario: Scenario, plant: str) -> list[Acceptance]:
 
 
 def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
-    """The same as JSON, by the model's name."""
+    """What is known of the cars' acceptance, as JSON, by the model's name."""
     return {c.model: {"state": c.state, "failed": list(c.failed), "versions": dict(c.versions)} for c in cars}
 
 
@@ -288,9 +288,9 @@ def _record_again(
     return recording.failures
 
 
-def _side(trace: Trace, plant: str, seed: int, world: World) -> Side:
+def _side(trace: Trace, plant: str, seed: int, world: World) -> ShownSide:
     """One simulation, as a side of a comparison."""
-    from mjmerge.record.rerun.side_by_side import Side
+    from mjmerge.record.rerun.side_by_side import ShownSide
 
     scenario = trace.scenario
     continuous = trace.continuous and plant != "mujoco"
@@ -299,7 +299,7 @@ def _side(trace: Trace, plant: str, seed: int, world: World) -> Side:
     alone = simulate(scenario, plant, seed=seed, world=world, sink=keep, continuous=continuous)
     (verdict,) = judge(alone)
     outcome = _outcome(alone, verdict, summary(alone, [verdict], own.measured(alone)))
-    return Side("ideal" if plant == IDEAL else plant, header, keep.posed(), outcome)
+    return ShownSide("ideal" if plant == IDEAL else plant, header, keep.posed(), outcome)
 
 
 def _outcome(trace: Trace, verdict: Verdict, found: dict[str, Any]) -> Outcome:

@@ -28,7 +28,7 @@ class Survey:
         """Run the command; return its exit code."""
         from rich.console import Console
 
-        from mjmerge.paper.survey import Survey as Found
+        from mjmerge.paper.survey import SurveyCounts as Found
         from mjmerge.paper.survey import survey
         from mjmerge.paper.tables import survey_table
 

@@ -24,6 +24,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from pydantic import GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
 from mjmerge.errors import MjmergeError, nearest
 
 LARGEST_CODE_BYTES = 1_000_000
@@ -32,6 +36,23 @@ _TERMINATED = 128 + signal.SIGTERM
 """What a command exits with that is told to end: by an exception, wherever it is."""
 _PREFIX = "mjmerge_outside_"
 """Of the modules that files become: the rest is the path, so that worker processes find it again."""
+
+
+class OrOutside:
+    """Says in the JSON Schema of something told apart by its ``kind`` that there is more than is shipped."""
+
+    def __init__(self, what: str) -> None:
+        """Args: what it is, in a word."""
+        self._what = what
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """See pydantic."""
+        said = f"A {self._what} from outside: file.py:Name or package.module:Name, and its own keys."
+        kind = {"type": "string", "pattern": ":"}
+        other = {"description": said, "type": "object", "properties": {"kind": kind}, "required": ["kind"]}
+        return {"anyOf": [handler(core), other]}
 
 
 class DoorError(MjmergeError):

@@ -14,8 +14,9 @@ from typing import Annotated, Any, Union
 
 from pydantic import Field, PlainSerializer, WrapValidator
 
+from mjmerge.config.doors import OrOutside
 from mjmerge.drivers.base import Along, Driver
-from mjmerge.drivers.outside import Absent, OrOutside, as_mapping, ask, let_in
+from mjmerge.drivers.outside import Absent, as_mapping, ask, let_in
 from mjmerge.drivers.traffic import Traffic, ahead
 
 __all__ = ["Absent", "Along", "Driver", "Traffic", "ahead", "ask", "kinds", "union"]
@@ -32,4 +33,4 @@ def kinds() -> Mapping[str, type[Driver]]:
 def union() -> Any:
     """The pydantic type "any driver, told apart by its ``kind``"; those from outside by its colon."""
     shipped: Any = Annotated[Union[tuple(kinds().values())], Field(discriminator="kind")]  # noqa: UP007
-    return Annotated[shipped, WrapValidator(let_in), PlainSerializer(as_mapping), OrOutside]
+    return Annotated[shipped, WrapValidator(let_in), PlainSerializer(as_mapping), OrOutside("driver")]

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import ConfigDict, GetJsonSchemaHandler, SerializationInfo, ValidatorFunctionWrapHandler
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic import ConfigDict, SerializationInfo, ValidatorFunctionWrapHandler
 
 from mjmerge.config.document import described
 from mjmerge.config.doors import DoorError, from_outside, let_in_before, resolve, told
@@ -97,21 +95,6 @@ def ask(driver: Driver, what: str, *arguments: Any) -> Any:
                 f"{len(own.speed_mps)} simulations, an array of that length"
             )
     return answer
-
-
-class OrOutside:
-    """Says in the JSON Schema of a driver that there are others than those that are shipped."""
-
-    @staticmethod
-    def __get_pydantic_json_schema__(core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """See pydantic."""
-        other = {
-            "description": "A driver from outside: file.py:Name or package.module:Name, and its own keys.",
-            "type": "object",
-            "properties": {"kind": {"type": "string", "pattern": ":"}},
-            "required": ["kind"],
-        }
-        return {"anyOf": [handler(core), other]}
 
 
 class Absent(Driver):

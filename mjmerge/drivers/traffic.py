@@ -105,7 +105,7 @@ class Traffic:
         return tuple(order)
 
     def alone(self, run: int) -> Traffic:
-        """The same in one of the simulations."""
+        """The traffic of one of the simulations."""
         row = slice(run, run + 1)
         drawn = tuple(None if values is None else values[row] for values in self.drawn)
         return replace(self, drawn=drawn, lanes_m=self.lanes_m[row])

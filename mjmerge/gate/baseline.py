@@ -26,7 +26,7 @@ _HEAD = (*_NEEDED, *VERSIONS)
 
 
 @dataclass(frozen=True)
-class Measured:
+class RowMargins:
     """What a row came to.
 
     Attributes:
@@ -43,7 +43,7 @@ class Measured:
         return {f"min_d_{j}_m": d for j, d in enumerate(self.min_d_m, 1)} | {_CLEARANCE: self.min_clearance_m}
 
 
-Entry = tuple[Measured, Mapping[str, str]]
+Entry = tuple[RowMargins, Mapping[str, str]]
 """What a row came to, and with which versions."""
 
 
@@ -78,7 +78,7 @@ def read(file: Path) -> dict[str, Entry]:
         except ValueError as error:
             problems.append(Problem(f"{name!r}: {error}", "", number))
             continue
-        found[name] = Measured(tuple(least), clearance), {key: row.get(key) or "-" for key in VERSIONS}
+        found[name] = RowMargins(tuple(least), clearance), {key: row.get(key) or "-" for key in VERSIONS}
     if problems:
         raise ScenarioError(file, problems)
     return found

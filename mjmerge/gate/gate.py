@@ -22,15 +22,15 @@ from mjmerge.config.document import Document
 from mjmerge.config.read import raise_problems, read
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, UnknownNameError
 from mjmerge.gate import baseline
-from mjmerge.gate.baseline import Measured
-from mjmerge.gate.result import Result, Row
+from mjmerge.gate.baseline import RowMargins
+from mjmerge.gate.result import Result, RowResult
 from mjmerge.plant import PLANTS
 from mjmerge.plant import check as check_plant
 from mjmerge.scenario.distinct import labels
 from mjmerge.scenario.effect import acting, covers, given_in_vain
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import column
-from mjmerge.scenario.schema import Check
+from mjmerge.scenario.schema import GateRow
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import G_MPS2, Array, Mask, norm
@@ -45,7 +45,7 @@ RATE_DEFECT_MPS = 0.1
 _NEVER: tuple[None, Mapping[str, str]] = (None, {})
 
 
-def rows(places: Sequence[Path]) -> list[Row]:
+def rows(places: Sequence[Path]) -> list[RowResult]:
     """All rows of scenarios, each loaded and checked before any is run.
 
     Args:
@@ -84,7 +84,7 @@ def _once(files: Sequence[Path]) -> Iterator[Path]:
             yield file
 
 
-def _rows_of(file: Path, label: str) -> list[Row]:
+def _rows_of(file: Path, label: str) -> list[RowResult]:
     """The rows of one scenario."""
     scenario, document = load(file), read(file)
     names: dict[str, int] = {}
@@ -97,7 +97,7 @@ def _rows_of(file: Path, label: str) -> list[Row]:
             document.report(f"row {check.name!r}: {message}", f"gate.{i}.plant")
             continue
         try:
-            row = Row(file, label, check, load(file, check.set))
+            row = RowResult(file, label, check, load(file, check.set))
             check_plant(check.plant, row.scenario)
         except ScenarioError as error:
             for problem in error.problems:
@@ -111,14 +111,14 @@ def _rows_of(file: Path, label: str) -> list[Row]:
     return found
 
 
-def _blame(problem: Problem, check: Check, i: int, document: Document) -> None:
+def _blame(problem: Problem, check: GateRow, i: int, document: Document) -> None:
     """Report what is wrong with a row's scenario where the row says so."""
     hit = [k for k, text in enumerate(check.set) if problem.source == f"--set {text}"]
     at = f"gate.{i}.set.{hit[-1]}" if hit else f"gate.{i}"
     document.report(f"row {check.name!r}: {problem.key + ': ' if problem.key else ''}{problem.message}", at)
 
 
-def _refuse_what_is_in_vain(file: Path, these: Sequence[Row], document: Document) -> None:
+def _refuse_what_is_in_vain(file: Path, these: Sequence[RowResult], document: Document) -> None:
     """Raises ScenarioError if a row sets, or needs, what is without effect on its plant."""
     for i, row in enumerate(these):
         plant, keys = row.check.plant, [text.partition("=")[0].strip() for text in row.check.set]
@@ -140,7 +140,7 @@ def _refuse_what_is_in_vain(file: Path, these: Sequence[Row], document: Document
 
 
 def run(
-    these: Sequence[Row],
+    these: Sequence[RowResult],
     baselines: Path | None = None,
     *,
     threads: int = 0,
@@ -197,16 +197,16 @@ def run(
                 progress(done)
 
 
-def _alike(row: Row) -> tuple[Path, str, str]:
+def _alike(row: RowResult) -> tuple[Path, str, str]:
     """What rows of one batch share."""
     rest = row.scenario.model_copy(update={"mismatch": None, "expect": None})
     return row.file, row.check.plant, repr(rest)
 
 
-def _measured(trace: Trace) -> list[Measured]:
+def _measured(trace: Trace) -> list[RowMargins]:
     clearance = trace.min_clearance_m[:, : len(trace.roster.neighbours)].min(axis=1)
     return [
-        Measured(tuple(least), float(c))
+        RowMargins(tuple(least), float(c))
         for least, c in zip(trace.min_distance_m.tolist(), clearance, strict=True)
     ]
 
@@ -221,7 +221,7 @@ def _rate_defect(trace: Trace) -> Array:
     return worst
 
 
-def _untested(trace: Trace, verdicts: Sequence[Verdict], batch: Sequence[Row]) -> Iterator[list[str]]:
+def _untested(trace: Trace, verdicts: Sequence[Verdict], batch: Sequence[RowResult]) -> Iterator[list[str]]:
     """What of each row's needs was not put to the test, in words."""
     slides = _slides(trace)
     for verdict, slid, row in zip(verdicts, slides.tolist(), batch, strict=True):
@@ -241,7 +241,7 @@ def _slides(trace: Trace) -> Mask:
     return slides
 
 
-def _below(row: Row, measured: Measured, verdict: Verdict, stopped: str) -> Iterator[str]:
+def _below(row: RowResult, measured: RowMargins, verdict: Verdict, stopped: str) -> Iterator[str]:
     floor = row.check.at_least_m
     for j, least in enumerate(measured.min_d_m, 1):
         if not least >= floor:  # NaN fails
@@ -253,7 +253,7 @@ def _below(row: Row, measured: Measured, verdict: Verdict, stopped: str) -> Iter
 
 
 def _moved(
-    measured: Measured, before: Measured | None, known: Mapping[str, baseline.Entry], row: Row
+    measured: RowMargins, before: RowMargins | None, known: Mapping[str, baseline.Entry], row: RowResult
 ) -> Iterator[str]:
     """Where a margin is not what it was, in either direction."""
     if before is None:
@@ -271,7 +271,7 @@ def _moved(
             yield f"{name} was {then:.4f}, is {now:.4f} ({now - then:+.4f} m)"
 
 
-def _places(these: Sequence[Row], baselines: Path | None) -> dict[Path, Path]:
+def _places(these: Sequence[RowResult], baselines: Path | None) -> dict[Path, Path]:
     """The baseline of each scenario's file."""
     places = {row.file: baseline.file_of(row.file, baselines) for row in these}
     for place in places.values():
@@ -281,7 +281,7 @@ def _places(these: Sequence[Row], baselines: Path | None) -> dict[Path, Path]:
     return places
 
 
-def stale(these: Sequence[Row], baselines: Path | None = None) -> list[str]:
+def stale(these: Sequence[RowResult], baselines: Path | None = None) -> list[str]:
     """Rows of the baselines that no row of the gate goes by, a line each."""
     found = []
     for file, place in _places(these, baselines).items():

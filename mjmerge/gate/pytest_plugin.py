@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from mjmerge.gate.result import Result, Row
+    from mjmerge.gate.result import Result, RowResult
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -50,7 +50,7 @@ class ScenarioFile(pytest.File):
         for row in rows:
             yield GateItem.from_parent(self, name=row.check.name, row=row, rows=rows)
 
-    def result(self, rows: list[Row], name: str) -> Result:
+    def result(self, rows: list[RowResult], name: str) -> Result:
         """What came of a row."""
         from mjmerge.gate import gate
 
@@ -66,7 +66,7 @@ class ScenarioFile(pytest.File):
 class GateItem(pytest.Item):
     """A row of the gate."""
 
-    def __init__(self, *, row: Row, rows: list[Row], **given: Any) -> None:
+    def __init__(self, *, row: RowResult, rows: list[RowResult], **given: Any) -> None:
         super().__init__(**given)
         self._row, self._rows = row, rows
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mjmerge.config import shipped
-from mjmerge.gate.baseline import Measured
-from mjmerge.scenario.schema import Check, Scenario
+from mjmerge.gate.baseline import RowMargins
+from mjmerge.scenario.schema import GateRow, Scenario
 from mjmerge.verdict.judge import Verdict
 
 
 @dataclass(frozen=True)
-class Row:
+class RowResult:
     """One row of the gate.
 
     Attributes:
@@ -26,7 +26,7 @@ class Row:
 
     file: Path
     label: str
-    check: Check
+    check: GateRow
     scenario: Scenario
 
     @property
@@ -57,9 +57,9 @@ class Result:
         wall_s: how long it took, its part of the batch that it was in, s.
     """
 
-    row: Row
-    measured: Measured
-    baseline: Measured | None
+    row: RowResult
+    measured: RowMargins
+    baseline: RowMargins | None
     made_with: Mapping[str, str]
     verdict: Verdict
     stopped: str

@@ -15,11 +15,12 @@ from typing import Annotated, Any, Union
 
 from pydantic import Field, PlainSerializer, WrapValidator
 
+from mjmerge.config.doors import OrOutside
 from mjmerge.errors import MjmergeError
 from mjmerge.law.base import Decision, Flow, Law, Memory, Signal
 from mjmerge.law.opinion_dynamics.law import OpinionDynamics
 from mjmerge.law.opinion_dynamics.variants import VARIANTS
-from mjmerge.law.outside import AbsentLaw, OrOutside, Seen, as_mapping, decided, each_run, let_in, remembered
+from mjmerge.law.outside import AbsentLaw, Seen, as_mapping, decided, each_run, let_in, remembered
 from mjmerge.law.sensed import Geometry, Sensed, geometry
 
 __all__ = [
@@ -77,4 +78,4 @@ def _below(cls: type[Any]) -> Iterator[type[Law]]:
 def union() -> Any:
     """The pydantic type "any law, told apart by its ``kind``"; those from outside by its colon."""
     shipped: Any = Annotated[Union[tuple(kinds().values())], Field(discriminator="kind")]  # noqa: UP007
-    return Annotated[shipped, WrapValidator(let_in), PlainSerializer(as_mapping), OrOutside]
+    return Annotated[shipped, WrapValidator(let_in), PlainSerializer(as_mapping), OrOutside("law")]

@@ -40,7 +40,7 @@ class CbfQp(Tracking):
     alpha_1: Annotated[Positive, Unit(0, -1)] = 2.0
     """Fastest decay of d_j that is let be, 1/s: d_j' >= -alpha_1 d_j."""
     alpha_2: Annotated[Positive, Unit(0, -1)] = 2.0
-    """The same of d_j' + alpha_1 d_j, 1/s."""
+    """Fastest decay of d_j' + alpha_1 d_j that is let be, 1/s."""
     a_j_mps2: NonNegative = 1.0
     """Most that a neighbour but the leader accelerates towards the ego, m/s^2."""
     guarded: bool = True

@@ -23,14 +23,11 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import (
     ConfigDict,
-    GetJsonSchemaHandler,
     PrivateAttr,
     SerializationInfo,
     ValidatorFunctionWrapHandler,
     create_model,
 )
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
 
 from mjmerge.config.document import described
 from mjmerge.config.doors import DoorError, from_outside, let_in_before, resolve, told
@@ -356,7 +353,7 @@ def _shape(signal: Signal, seen: Sensed) -> tuple[int, ...]:
 
 
 def _frozen(seen: Sensed) -> Sensed:
-    """The same, whose arrays cannot be written to."""
+    """What is sensed, in arrays that cannot be written to."""
     views = {name: values.view() for name, values in vars(seen).items()}
     for view in views.values():
         view.flags.writeable = False
@@ -473,7 +470,7 @@ class AbsentLaw(Law):
         return self._signals
 
     def with_signals(self, signals: tuple[Signal, ...]) -> AbsentLaw:
-        """The same with these signals."""
+        """A copy that has these signals."""
         copy = self.model_copy()
         copy._signals = signals
         return copy
@@ -509,18 +506,3 @@ def let_in(value: Any, shipped: ValidatorFunctionWrapHandler) -> Any:
 def as_mapping(law: Any, info: SerializationInfo) -> Any:
     """A law's keys, whatever its class; what is none stays as it is, to be told."""
     return law.model_dump(mode=info.mode, warnings=False) if isinstance(law, Law) else law
-
-
-class OrOutside:
-    """Says in the JSON Schema of a law that there are others than those that are shipped."""
-
-    @staticmethod
-    def __get_pydantic_json_schema__(core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """See pydantic."""
-        other = {
-            "description": "A law from outside: file.py:Name or package.module:Name, and its own keys.",
-            "type": "object",
-            "properties": {"kind": {"type": "string", "pattern": ":"}},
-            "required": ["kind"],
-        }
-        return {"anyOf": [handler(core), other]}

@@ -32,7 +32,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Finding:
+class FactCheck:
     """What a pair of runs says about one fact.
 
     Attributes:
@@ -61,42 +61,42 @@ class Fact:
 
     claim: str
     source: str
-    read: Callable[[Pair], Finding]
+    read: Callable[[Pair], FactCheck]
 
 
-def _opinion_range(pair: Pair) -> Finding:
+def _opinion_range(pair: Pair) -> FactCheck:
     z = pair.barrier.opinion[0]
-    return Finding(bool(z.min() >= 0 and z.max() <= 0.2), f"{z.min():.1e} to {z.max():.5f}")
+    return FactCheck(bool(z.min() >= 0 and z.max() <= 0.2), f"{z.min():.1e} to {z.max():.5f}")
 
 
-def _opinion_fades(pair: Pair) -> Finding:
+def _opinion_fades(pair: Pair) -> FactCheck:
     """Below 1 % of z(0), and never faster than (zi-2) can: |z'| <= 2/(eps k_mu^2) for z, |mu| <= 1/k_mu."""
     trace, law = pair.barrier, of_paper(pair.barrier.scenario.law)
     z = trace.opinion[0, trace.time_s <= _WAVERS_S]
     fastest = 2 * (law.k_s / law.k_mu) ** 2 / law.eps
     leap = np.abs(np.diff(z)).max()
     fades = trace.time_s[-1] >= _WAVERS_S and 0 < z[0] <= 0.2 and 0 < z[-1] < _FADED * z[0] and z.min() > 0
-    return Finding(
+    return FactCheck(
         bool(fades and leap <= fastest * trace.scenario.control_step_s),
         f"{z[0]:.3f} at 0 s, {z[-1]:.1e} at {min(_WAVERS_S, trace.time_s[-1]):.0f} s; "
         f"steps of at most {leap:.4f}",
     )
 
 
-def _alternates(pair: Pair) -> Finding:
+def _alternates(pair: Pair) -> FactCheck:
     """Vehicle 2's intended acceleration changes sign, both ways."""
     trace = pair.barrier
     asked = trace.u_mps2[0, :, 2, 0]
     busy = np.flatnonzero((np.abs(asked) > _IDLE_MPS2) & (trace.time_s < _WAVERS_S))
     if not busy.size:
-        return Finding(False, "neither accelerates nor brakes")
+        return FactCheck(False, "neither accelerates nor brakes")
     turns = busy[1:][np.diff(np.sign(asked[busy])) != 0]
     words = ["accelerates" if asked[k] > 0 else "brakes" for k in (busy[0], *turns)]
     times = ["", *(f" from {trace.time_s[k]:.1f} s" for k in turns)]
-    return Finding(len(turns) >= 2, ", ".join(word + at for word, at in zip(words, times, strict=True)))
+    return FactCheck(len(turns) >= 2, ", ".join(word + at for word, at in zip(words, times, strict=True)))
 
 
-def _merges(pair: Pair) -> Finding:
+def _merges(pair: Pair) -> FactCheck:
     """For good within 0.1 m of the lane, between the two, and not before 20 s."""
     trace = pair.barrier
     merged = merged_at_s(trace)[0]
@@ -104,9 +104,9 @@ def _merges(pair: Pair) -> Finding:
     off = lateral_error_m(trace)[0, -1]
     between = along[2] < along[0] < along[1]
     if np.isnan(merged):
-        return Finding(False, f"not merged; {off:.3f} m off at {trace.time_s[-1]:.0f} s")
+        return FactCheck(False, f"not merged; {off:.3f} m off at {trace.time_s[-1]:.0f} s")
     where = "between them" if between else "not between them"
-    return Finding(
+    return FactCheck(
         bool(merged > _MERGES_S and between),
         f"within {MERGED_M} m from {merged:.1f} s on, {off:.4f} m at {trace.time_s[-1]:.0f} s, {where}",
     )
@@ -124,7 +124,7 @@ def turns(lateral_m: Array) -> int:
     return count
 
 
-def _smooth(pair: Pair) -> Finding:
+def _smooth(pair: Pair) -> FactCheck:
     """No more turns than changes of mind, no overshoot of the lane, no jump in velocity."""
     trace = pair.barrier
     y = lateral_error_m(trace)[0]
@@ -132,54 +132,56 @@ def _smooth(pair: Pair) -> Finding:
     minds = int(np.abs(np.diff(trace.weight[0] > INTENT)).sum())
     peak = np.abs(np.diff(trace.velocity_mps[0, :, 0, 1])).max() / trace.scenario.control_step_s
     over = max(float((-y * np.sign(y[0])).max()), 0.0)
-    return Finding(
+    return FactCheck(
         bool(swings <= minds and peak <= _SMOOTH_MPS2 and over < MERGED_M and not np.isnan(y).any()),
         f"turns {swings} times for {minds} changes of mind, at most {peak:.2f} m/s^2, "
         f"overshoot {over * 1e3:.1f} mm",
     )
 
 
-def _positive(j: int) -> Callable[[Pair], Finding]:
-    def read(pair: Pair) -> Finding:
+def _positive(j: int) -> Callable[[Pair], FactCheck]:
+    def read(pair: Pair) -> FactCheck:
         d = pair.barrier.distance_m[0, :, j]
-        return Finding(bool(d.min() > 0), f"at least {d.min():.3f} m at {_when(pair.barrier, d):.1f} s")
+        return FactCheck(bool(d.min() > 0), f"at least {d.min():.3f} m at {_when(pair.barrier, d):.1f} s")
 
     return read
 
 
-def _far(pair: Pair) -> Finding:
+def _far(pair: Pair) -> FactCheck:
     """The largest d_1 is 1.5 to the nearest 0.1."""
     d = pair.barrier.distance_m[0, :, 0]
-    return Finding(bool(abs(d.max() - 1.5) < 0.05), f"{d.max():.3f} m at {_when(pair.barrier, -d):.1f} s")
+    return FactCheck(bool(abs(d.max() - 1.5) < 0.05), f"{d.max():.3f} m at {_when(pair.barrier, -d):.1f} s")
 
 
-def _near(pair: Pair) -> Finding:
+def _near(pair: Pair) -> FactCheck:
     d = pair.barrier.distance_m[0, :, 1]
-    return Finding(bool(d.min() >= 0 and d.max() <= 1), f"{d.min():.3f} m to {d.max():.3f} m")
+    return FactCheck(bool(d.min() >= 0 and d.max() <= 1), f"{d.min():.3f} m to {d.max():.3f} m")
 
 
-def _violated(pair: Pair) -> Finding:
+def _violated(pair: Pair) -> FactCheck:
     trace = pair.no_barrier
     out: Mask = trace.distance_m[0, :, 1] < 0
     within = out & (trace.time_s > 5) & (trace.time_s < 10)
     if not out.any():
-        return Finding(False, f"never; at least {trace.distance_m[0, :, 1].min():.3f} m")
+        return FactCheck(False, f"never; at least {trace.distance_m[0, :, 1].min():.3f} m")
     spell = trace.time_s[out]
     text = f"from {spell[0]:.2f} s to {spell[-1]:.2f} s"
     touching = trace.clearance_m[0, :, 1] <= 0
     if touching.any():
         text += f"; bodies touch at {trace.time_s[touching][0]:.2f} s"
-    return Finding(bool(within.any()), text)
+    return FactCheck(bool(within.any()), text)
 
 
-def _depth(pair: Pair) -> Finding:
+def _depth(pair: Pair) -> FactCheck:
     d = pair.no_barrier.distance_m[0, :, 1]
-    return Finding(bool(-0.5 < d.min() < 0), f"down to {d.min():.3f} m at {_when(pair.no_barrier, d):.1f} s")
+    return FactCheck(
+        bool(-0.5 < d.min() < 0), f"down to {d.min():.3f} m at {_when(pair.no_barrier, d):.1f} s"
+    )
 
 
-def _lateral_axis(pair: Pair) -> Finding:
+def _lateral_axis(pair: Pair) -> FactCheck:
     y = pair.barrier.front_m[0, :, 0, 1]
-    return Finding(None, f"{y.min():.3f} m to {y.max():.3f} m, the lane at 0")
+    return FactCheck(None, f"{y.min():.3f} m to {y.max():.3f} m, the lane at 0")
 
 
 def _when(trace: Trace, values: Array) -> float:
@@ -203,11 +205,11 @@ FACTS: tuple[Fact, ...] = (
 """Every published fact of the paper's Section 4, in its order."""
 
 
-def read(pair: Pair) -> list[Finding]:
+def read(pair: Pair) -> list[FactCheck]:
     """What a pair of runs says about each of ``FACTS``; a run that ended early reproduces nothing."""
     for trace in (pair.barrier, pair.no_barrier):
         for stop in trace.stops:
             if stop.run == 0:
                 end = f"the simulation ended at {stop.time_s:.2f} s: {stop.reason}"
-                return [Finding(False, end) for _ in FACTS]
+                return [FactCheck(False, end) for _ in FACTS]
     return [fact.read(pair) for fact in FACTS]

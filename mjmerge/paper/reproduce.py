@@ -20,7 +20,7 @@ from mjmerge.law import of_paper
 from mjmerge.outputs import prepare, put
 from mjmerge.paper.bifurcation import Branches, branches, converging
 from mjmerge.paper.diagram import bifurcation, bifurcation_run
-from mjmerge.paper.facts import FACTS, Finding, Pair, read
+from mjmerge.paper.facts import FACTS, FactCheck, Pair, read
 from mjmerge.paper.tables import facts_markdown
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
@@ -62,7 +62,7 @@ class Reproduction:
         replaced: whether an earlier reproduction in the same folder made way.
     """
 
-    findings: Mapping[str, Sequence[Finding]]
+    findings: Mapping[str, Sequence[FactCheck]]
     replaced: bool
 
     @property
@@ -108,7 +108,7 @@ def runs(scenario: Scenario, progress: Progress) -> dict[str, Pair]:
 
 
 def write(
-    folder: Path, pairs: Mapping[str, Pair], findings: Mapping[str, Sequence[Finding]], progress: Progress
+    folder: Path, pairs: Mapping[str, Pair], findings: Mapping[str, Sequence[FactCheck]], progress: Progress
 ) -> None:
     """Figures with their numbers, the film, the tables of facts."""
     ideal, real = pairs[IDEAL], pairs[REAL]
@@ -185,7 +185,7 @@ def _save(stem: Path, figure: Figure, columns: Mapping[str, Array]) -> None:
     save_columns(columns, stem.with_suffix(".csv"))
 
 
-def _save_facts(folder: Path, findings: Mapping[str, Sequence[Finding]]) -> None:
+def _save_facts(folder: Path, findings: Mapping[str, Sequence[FactCheck]]) -> None:
     """The table of facts, for machines and for people."""
     header = ["published", "source", *(name for of in findings for name in (of, f"{of}_number"))]
     rows = [

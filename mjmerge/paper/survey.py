@@ -25,7 +25,7 @@ _DURATION_S = 20.0
 
 
 @dataclass(frozen=True)
-class Survey:
+class SurveyCounts:
     """What came of N random runs of one variant of the law.
 
     Attributes:
@@ -89,7 +89,7 @@ def random_scenario(seed: int, variant: str) -> Scenario:
 
 def survey(
     runs: int, seed: int, variant: str = "literal", progress: Callable[[int], None] | None = None
-) -> Survey:
+) -> SurveyCounts:
     """Runs random scenarios and counts; the same seed gives every variant the same merges.
 
     Args:
@@ -112,7 +112,7 @@ def survey(
         if progress is not None:
             progress(len(found))
     wrong = [d.wrong_sign_s for d in found if d.wrong_sign_s]
-    return Survey(
+    return SurveyCounts(
         variant=variant,
         runs=len(found),
         wrong_sign=len(wrong),

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from mjmerge.paper.facts import FACTS, Finding
+from mjmerge.paper.facts import FACTS, FactCheck
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from mjmerge.paper.survey import Survey
+    from mjmerge.paper.survey import SurveyCounts
     from mjmerge.paper.theorem import Tally
 
 
 _STYLES = {True: "green", False: "red", None: "dim"}  # of a fact that was reproduced, was not, says nothing
 
 
-def facts_table(findings: Mapping[str, Sequence[Finding]]) -> Table:
+def facts_table(findings: Mapping[str, Sequence[FactCheck]]) -> Table:
     """Each published fact, and whether it was reproduced on each plant, for the terminal."""
     from rich.table import Table
 
@@ -50,11 +50,11 @@ def theorem_table(tally: Tally) -> Table:
     return grid
 
 
-def survey_table(found: Sequence[Survey]) -> Table:
+def survey_table(found: Sequence[SurveyCounts]) -> Table:
     """How often the decision went wrong, variant by variant, for the terminal."""
     from rich.table import Table
 
-    rows: dict[str, Callable[[Survey], str]] = {
+    rows: dict[str, Callable[[SurveyCounts], str]] = {
         "runs": lambda s: f"{s.runs}",
         "mu driven the wrong way in": lambda s: f"{s.wrong_sign / s.runs:.1%}",
         "  there on average for": lambda s: f"{s.wrong_sign_s:.2f} s",
@@ -72,7 +72,7 @@ def survey_table(found: Sequence[Survey]) -> Table:
     return grid
 
 
-def facts_markdown(findings: Mapping[str, Sequence[Finding]]) -> str:
+def facts_markdown(findings: Mapping[str, Sequence[FactCheck]]) -> str:
     """The table of facts in Markdown."""
     lines = [
         "| published | " + " | ".join(findings) + " |",

@@ -83,7 +83,7 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class WorldOutcome:
     """What came of N draws, each (N,).
 
     Attributes:
@@ -147,7 +147,7 @@ def tally(runs: int, seed: int, duration_s: float, progress: Callable[[int], Non
         for i in np.flatnonzero(outcome.violated).tolist():
             counterexamples.append((batch, i, *shrink(draw(batch, duration_s).one(i), duration_s)))
     least, close, unresolved, stuck = (
-        np.concatenate([getattr(o, f.name) for o in found]) for f in fields(Outcome)
+        np.concatenate([getattr(o, f.name) for o in found]) for f in fields(WorldOutcome)
     )
     return Tally(
         runs=len(least),
@@ -195,7 +195,7 @@ def draw(seed: int, duration_s: float, count: int = TOGETHER) -> Draw:
     return Draw(law, np.column_stack([p, v, z, mu]), gaps, takes)
 
 
-def run(worlds: Draw, duration_s: float) -> Outcome:
+def run(worlds: Draw, duration_s: float) -> WorldOutcome:
     """Integrates the worlds together; if the solver cannot, each by itself.
 
     Args:
@@ -207,12 +207,12 @@ def run(worlds: Draw, duration_s: float) -> Outcome:
     if not outcome.stuck.any() or n == 1:
         return outcome
     alone = [_integrate(worlds.one(i), duration_s) for i in range(n)]
-    return Outcome(*(np.concatenate([getattr(o, f.name) for o in alone]) for f in fields(Outcome)))
+    return WorldOutcome(*(np.concatenate([getattr(o, f.name) for o in alone]) for f in fields(WorldOutcome)))
 
 
 def campaign(
     runs: int, seed: int, duration_s: float, progress: Callable[[int], None] | None = None
-) -> Iterator[tuple[int, Outcome]]:
+) -> Iterator[tuple[int, WorldOutcome]]:
     """Yields the seed and the outcome of every batch of ``TOGETHER`` worlds, up to ``runs`` of them."""
     for batch in range(-(-runs // TOGETHER)):
         count = min(TOGETHER, runs - batch * TOGETHER)
@@ -263,7 +263,7 @@ def _simpler(world: Draw, duration_s: float, paper: OpinionDynamics) -> Iterator
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what a step that is not accepted computes does not matter
-def _integrate(worlds: Draw, duration_s: float) -> Outcome:
+def _integrate(worlds: Draw, duration_s: float) -> WorldOutcome:
     """All worlds as one vector equation; the state is p, v, ln z, mu. An unresolved world then rests."""
     law, n = worlds.law, len(worlds.start)
     x = worlds.start.copy()
@@ -289,7 +289,7 @@ def _integrate(worlds: Draw, duration_s: float) -> Outcome:
             while solver.status == "running" and touched.sum() == unresolved.sum():
                 steps += 1
                 if not _step(solver) or steps > _MOST_STEPS:
-                    return Outcome(least, close, unresolved, ~unresolved)
+                    return WorldOutcome(least, close, unresolved, ~unresolved)
                 x = solver.y.reshape(n, 6)
                 now = _sensed(worlds, slot, solver.t, x)
                 d = norm(now.p[:, None] - now.p_j) - law.r_m
@@ -298,7 +298,7 @@ def _integrate(worlds: Draw, duration_s: float) -> Outcome:
                 close |= np.any((d < law.r_m) & (d < before / 2), axis=1)
                 touched = unresolved | (least < RESOLVED_M)
             t, unresolved = solver.t, touched
-    return Outcome(least, close, unresolved, np.zeros(n, dtype=bool))
+    return WorldOutcome(least, close, unresolved, np.zeros(n, dtype=bool))
 
 
 def _step(solver: BDF) -> bool:

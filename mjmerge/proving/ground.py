@@ -23,7 +23,7 @@ TICK_S = 0.01
 
 
 @dataclass(frozen=True)
-class Log:
+class MotionLog:
     """What happened, (N, T) unless it says otherwise; every sample is of the state at its time.
 
     Attributes:
@@ -54,11 +54,11 @@ class Log:
     spin_radps: Array
     torque_n_m: Array
 
-    def between(self, begin_s: float, end_s: float) -> Log:
+    def between(self, begin_s: float, end_s: float) -> MotionLog:
         """The part from one time to another."""
         at = (self.time_s >= begin_s - 1e-9) & (self.time_s <= end_s + 1e-9)
         part = {f.name: getattr(self, f.name)[:, at] for f in fields(self) if f.name != "time_s"}
-        return Log(time_s=self.time_s[at], **part)
+        return MotionLog(time_s=self.time_s[at], **part)
 
     def lateral_mps2(self, ahead_m: float) -> Array:
         """Lateral acceleration of the point that far ahead of the rear axle, (N, T)."""
@@ -82,7 +82,7 @@ def drive(
     tick_s: float = TICK_S,
     coasting: bool = False,
     threads: int = 1,
-) -> Log:
+) -> MotionLog:
     """Drives a manoeuvre.
 
     Args:
@@ -136,7 +136,7 @@ def drive(
         )
     columns = {name: np.stack([row[name] for row in rows], axis=1) for name in rows[0]}
     columns["heading_rad"] = np.unwrap(columns["heading_rad"], axis=1)
-    return Log(time_s=tick_s * np.arange(ticks + 1, dtype=np.float64), **columns)
+    return MotionLog(time_s=tick_s * np.arange(ticks + 1, dtype=np.float64), **columns)
 
 
 class _Reader:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.proving.ground import Log, wheel_loads_n
+from mjmerge.proving.ground import MotionLog, wheel_loads_n
 from mjmerge.proving.manoeuvres import (
     STEPS_G,
     Scale,
@@ -74,13 +74,13 @@ class Identification:
     sheet: DataSheet
     table: tuple[Measured, ...]
     loads_n: Array
-    still: Log
-    steps: Log
+    still: MotionLog
+    steps: MotionLog
     turns: SteadyTurns
-    coasting: Log
-    braking: Log
-    ramp: Log
-    step: Log
+    coasting: MotionLog
+    braking: MotionLog
+    ramp: MotionLog
+    step: MotionLog
 
     @property
     def passed(self) -> bool:
@@ -149,7 +149,7 @@ def _weight(sheet: DataSheet, loads_n: Array) -> list[Measured]:
     ]
 
 
-def _stillness(log: Log) -> list[Measured]:
+def _stillness(log: MotionLog) -> list[Measured]:
     later = log.between(2.0, np.inf)
     way = np.hypot(later.x_m - later.x_m[:, :1], later.y_m - later.y_m[:, :1])
     rate = 1e3 * way[:, -1] / (later.time_s[-1] - later.time_s[0])
@@ -163,7 +163,7 @@ def _stillness(log: Log) -> list[Measured]:
     ]
 
 
-def _along(sheet: DataSheet, coasting: Log, steps: Log) -> list[Measured]:
+def _along(sheet: DataSheet, coasting: MotionLog, steps: MotionLog) -> list[Measured]:
     rolling, drag = _resistances(sheet, coasting)
     radius = coasting.speed_mps[:, 100:] / coasting.spin_radps[:, 100:].mean(axis=2)
     part = steps.between(6 * Scale.of(sheet).time_s, np.inf)
@@ -263,7 +263,7 @@ def _across(sheet: DataSheet, turns: SteadyTurns) -> list[Measured]:
     return rows
 
 
-def _limits(sheet: DataSheet, braking: Log, ramp: Log) -> list[Measured]:
+def _limits(sheet: DataSheet, braking: MotionLog, ramp: MotionLog) -> list[Measured]:
     grip = FRICTION * G_MPS2
     rows = [
         _row(
@@ -292,7 +292,7 @@ def _limits(sheet: DataSheet, braking: Log, ramp: Log) -> list[Measured]:
     return rows
 
 
-def _steering(sheet: DataSheet, step: Log) -> list[Measured]:
+def _steering(sheet: DataSheet, step: MotionLog) -> list[Measured]:
     rate = np.abs(np.gradient(step.steer_rad[1], step.time_s)).max()
     return [
         _row("steering lag", "s", rise_s(step), sheet.steer_lag_s, 0.1, "to 63 % of a small step"),

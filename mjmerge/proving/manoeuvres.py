@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.proving.ground import Log, drive
+from mjmerge.proving.ground import MotionLog, drive
 from mjmerge.state import G_MPS2, Array, Cars
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.world.model import World
@@ -50,7 +50,7 @@ def understeer_rad_s2_per_m(sheet: DataSheet) -> float:
     return (front - rear) / G_MPS2
 
 
-def creep(world: World) -> Log:
+def creep(world: World) -> MotionLog:
     """Parked with its brakes on, for 12 s: on the flat, and up, down and across a slope of 10 %."""
     tilt = np.arctan(0.1)
     down = G_MPS2 * np.cos(tilt)
@@ -59,14 +59,14 @@ def creep(world: World) -> Log:
     return drive(world, _parked, 12.0, np.zeros(4), gravity_mps2=gravity)
 
 
-def coast(world: World) -> Log:
+def coast(world: World) -> MotionLog:
     """Rolling freely from two speeds."""
     scale = Scale.of(world.sheets[0])
     fast = np.array([5.8, 2.0]) * scale.speed_mps
     return drive(world, _parked, 20 * scale.time_s, fast, coasting=True)
 
 
-def torque_steps(world: World) -> Log:
+def torque_steps(world: World) -> MotionLog:
     """Accelerations of 0, +-0.05 and +-0.1 g asked for from the same speed."""
     scale, asked = Scale.of(world.sheets[0]), STEPS_G * G_MPS2
 
@@ -77,7 +77,7 @@ def torque_steps(world: World) -> Log:
     return drive(world, driver, 10 * scale.time_s, np.full(len(asked), 2 * scale.speed_mps))
 
 
-def turn(world: World, speed_mps: Array, steer_rad: Array, duration_s: float) -> Log:
+def turn(world: World, speed_mps: Array, steer_rad: Array, duration_s: float) -> MotionLog:
     """Steering angles held at held speeds, (N,) each."""
 
     def driver(time_s: float, cars: Cars) -> tuple[Array, Array]:
@@ -94,7 +94,7 @@ def hold(world: World, cars: Cars, speed_mps: Array) -> Array:
 
 def steady_turns(
     world: World, speeds_mps: Array | None = None, turns_g: Array = TURNS_G, side: float = 1.0
-) -> Log:
+) -> MotionLog:
     """Steady turns at every speed and lateral acceleration, those without room to steer left gentler."""
     sheet = world.sheets[0]
     speeds = SPEEDS * Scale.of(sheet).speed_mps if speeds_mps is None else speeds_mps
@@ -108,7 +108,7 @@ def steady_turns(
     return turn(world, v, side * steer, 1.1 * settled).between(settled, np.inf)
 
 
-def brake(world: World, speeds: Array | None = None) -> Log:
+def brake(world: World, speeds: Array | None = None) -> MotionLog:
     """Straight ahead, then braking as hard as the car can until it stands."""
     scale = Scale.of(world.sheets[0])
     speed = (np.array([2.0, 4.0]) if speeds is None else speeds) * scale.speed_mps
@@ -120,7 +120,7 @@ def brake(world: World, speeds: Array | None = None) -> Log:
     return drive(world, driver, float(2.0 * speed.max() / G_MPS2 / friction(world)), speed)
 
 
-def steer_ramp(world: World, side: float = 1.0) -> Log:
+def steer_ramp(world: World, side: float = 1.0) -> MotionLog:
     """The steering turned slowly beyond the grip, off the throttle but for the road load."""
     sheet = world.sheets[0]
     scale, mu = Scale.of(sheet), friction(world)
@@ -136,7 +136,7 @@ def steer_ramp(world: World, side: float = 1.0) -> Log:
     return drive(world, driver, rising_s, speed)
 
 
-def steer_step(world: World, tick_s: float = 0.002) -> Log:
+def steer_step(world: World, tick_s: float = 0.002) -> MotionLog:
     """A small and the largest step of the steering while rolling slowly."""
     sheet = world.sheets[0]
     small = 0.05 * sheet.steer_rate_limit_radps * sheet.steer_lag_s

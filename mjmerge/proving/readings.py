@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.proving.ground import Log
+from mjmerge.proving.ground import MotionLog
 from mjmerge.proving.manoeuvres import (
     Scale,
 )
@@ -54,7 +54,7 @@ class SteadyTurns:
         return self.rear_n / self.rear_slip_rad
 
 
-def read_turns(sheet: DataSheet, log: Log) -> SteadyTurns:
+def read_turns(sheet: DataSheet, log: MotionLog) -> SteadyTurns:
     """Slip angles and side forces of turns that have become steady, from the means of a log.
 
     The balance of moments about the rear axle, m a_y l_r = (F_f cos(delta) + D_f sin(delta)) L, gives the
@@ -104,13 +104,13 @@ def yaw_wheelbase_m(turns: SteadyTurns) -> float:
     return float(np.linalg.lstsq(basis, length)[0][0])
 
 
-def braking_distance_m(log: Log) -> Array:
+def braking_distance_m(log: MotionLog) -> Array:
     """From the start to where the car first stands, (N,)."""
     standing = np.argmax(log.speed_mps < 0.01 * log.speed_mps[:, :1], axis=1)
     return np.take_along_axis(log.x_m, standing[:, None], axis=1)[:, 0] - log.x_m[:, 0]
 
 
-def braking_mps2(log: Log) -> Array:
+def braking_mps2(log: MotionLog) -> Array:
     """Mean deceleration between 80 % and 20 % of the first speed, (N,)."""
     found = []
     for v in log.speed_mps:
@@ -119,7 +119,7 @@ def braking_mps2(log: Log) -> Array:
     return np.array(found)
 
 
-def peak_lateral_mps2(sheet: DataSheet, log: Log) -> Array:
+def peak_lateral_mps2(sheet: DataSheet, log: MotionLog) -> Array:
     """Largest lateral acceleration of the centre of mass, as a mean over 2 sqrt(L/g), (N,)."""
     a = np.abs(log.lateral_mps2(sheet.wheelbase_m - sheet.com_behind_front_axle_m))
     width = max(round(2 * Scale.of(sheet).time_s / (log.time_s[1] - log.time_s[0])), 1)
@@ -128,7 +128,7 @@ def peak_lateral_mps2(sheet: DataSheet, log: Log) -> Array:
     return peak
 
 
-def rise_s(log: Log, part: float = 0.632) -> float:
+def rise_s(log: MotionLog, part: float = 0.632) -> float:
     """Time in which the steering does that part of the first simulation's step."""
     done = log.steer_rad[0] / log.steer_command_rad[0, 0]
     rising = slice(int(np.argmax(done > part)) + 1)
@@ -140,7 +140,7 @@ def _resistance_n(sheet: DataSheet, rolling: float, drag_m2: float, speed_mps: A
     return rolling * sheet.mass_kg * G_MPS2 + AIR_KG_PER_M3 / 2 * drag_m2 * speed_mps**2
 
 
-def _resistances(sheet: DataSheet, log: Log) -> tuple[float, float]:
+def _resistances(sheet: DataSheet, log: MotionLog) -> tuple[float, float]:
     """Rolling resistance and drag area, from m_eff dv/dt = -c m g - rho A v^2/2 over both coastings."""
     part = log.between(2 * Scale.of(sheet).time_s, np.inf)
     v = part.speed_mps

@@ -207,7 +207,7 @@ def signals_of(manifest: Mapping[str, Any]) -> tuple[Signal, ...]:
 
 
 def own_columns(manifest: Mapping[str, Any]) -> tuple[Column, ...]:
-    """The same as columns."""
+    """What the law of a recording recorded of its own, as columns."""
     return tuple(Column(s.name, s.axes, s.symbol, s.doc, told=False) for s in signals_of(manifest))
 
 

@@ -171,7 +171,7 @@ class Keep:
         self._parts.append(pose(block, self._scene, self._step_s))
 
     def posed(self) -> PosedBlock:
-        """All there was."""
+        """The whole run, as far as it came."""
         return join(self._parts)
 
 

@@ -188,8 +188,7 @@ def recording_of_both(a: Side, b: Side, path: Path) -> None:
         UnreadableError: there is no world in one of them.
         OutputError: the file is there already, or cannot be written.
     """
-    from mjmerge.record.rerun.side_by_side import Side as Shown
-    from mjmerge.record.rerun.side_by_side import write_comparison
+    from mjmerge.record.rerun.side_by_side import ShownSide, write_comparison
     from mjmerge.record.scene import Scene
     from mjmerge.review.poses import header, outcome, posed
 
@@ -197,5 +196,5 @@ def recording_of_both(a: Side, b: Side, path: Path) -> None:
     for side, label in zip((a, b), labels(a, b), strict=True):
         about = header(side.recorded)
         block = posed(side.recorded, about, Scene(about.model, about.scenario.r_m))
-        shown.append(Shown(label, about, block, outcome(side.recorded, side.trace)))
+        shown.append(ShownSide(label, about, block, outcome(side.recorded, side.trace)))
     write_comparison(path, shown)

@@ -11,7 +11,7 @@ from mjmerge.config.units import written
 from mjmerge.scenario.axis import LEVEL_NAMES, SIZES, Axis, axes, levels, ranges
 
 
-class Row(NamedTuple):
+class AxisRow(NamedTuple):
     """An axis in words; of ``sizes`` its levels for each of :data:`SIZES`, one after the other."""
 
     name: str
@@ -22,11 +22,11 @@ class Row(NamedTuple):
     axis: Axis
 
 
-def rows(model: type[Frozen]) -> list[Row]:
+def rows(model: type[Frozen]) -> list[AxisRow]:
     """Every axis of a mismatch in words, in the order in which they are declared."""
     bounds, steps = ranges(model), levels(model)
     return [
-        Row(
+        AxisRow(
             name,
             "-" if "enum" in bounds[name] else written(name),
             _range(bounds[name]),

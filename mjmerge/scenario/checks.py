@@ -18,7 +18,7 @@ from mjmerge.errors import Problem, nearest
 from mjmerge.law import Law
 from mjmerge.roster import neighbour, roster
 from mjmerge.scenario.metrics import metric_name
-from mjmerge.scenario.schema import Check, Drivers, Expect, Initial, Models
+from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Models
 from mjmerge.vehicle.datasheet import DataSheet
 
 
@@ -134,7 +134,7 @@ def _bodies(initial: Initial, sheets: Mapping[str, DataSheet]) -> Iterator[Probl
             )
 
 
-def _gate(gate: tuple[Check, ...]) -> Iterator[Problem]:
+def _gate(gate: tuple[GateRow, ...]) -> Iterator[Problem]:
     """The gate is no longer than anybody would wait for."""
     if len(gate) > MOST_ROWS:
         yield Problem(f"has {len(gate)} rows; a gate has at most {MOST_ROWS}", "gate")
@@ -155,7 +155,7 @@ def _metrics(metrics: tuple[str, ...]) -> Iterator[Problem]:
         first.setdefault(name, reference)
 
 
-def _bounds(metrics: tuple[str, ...], expect: Expect, gate: tuple[Check, ...]) -> Iterator[Problem]:
+def _bounds(metrics: tuple[str, ...], expect: Expect, gate: tuple[GateRow, ...]) -> Iterator[Problem]:
     """Every bound is one, and of a metric that is there."""
     names = [metric_name(reference) for reference in metrics]
     places = {"expect.metrics": expect.metrics}

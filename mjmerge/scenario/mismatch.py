@@ -206,7 +206,7 @@ class Mismatch(Frozen):
             source="goes with `load_kg`",
         ),
     ] = 0.0
-    """The same above it, m."""
+    """Where the load is, above the ego's centre of mass, m."""
     com_raised_m: Annotated[
         float,
         _ego(
@@ -263,7 +263,7 @@ class Mismatch(Frozen):
             source="as the front",
         ),
     ] = 1.0
-    """The same of the rear axle, 1."""
+    """Cornering stiffness of the rear axle over that of the data sheet, 1."""
     suspension_stiffness: Annotated[
         Ratio,
         _ego(
@@ -295,7 +295,7 @@ class Mismatch(Frozen):
             source="estimate: hot brakes 70-80 %, fade or a lost circuit 30-50 %",
         ),
     ] = 1.0
-    """The same of the brakes, 1."""
+    """Torque that the brakes can give over that of the data sheet, 1."""
     steer_limit_rad: Annotated[
         Annotated[float, Field(gt=0, le=1.2)] | None,
         _ego(
@@ -389,7 +389,7 @@ class Mismatch(Frozen):
             source="GNSS Doppler 0.02-0.1; the rest estimates",
         ),
     ] = 0.0
-    """The same of its velocity and speed, m/s."""
+    """Standard deviation of its own velocity and speed, every control tick anew, m/s."""
     heading_noise_rad: Annotated[
         Noise,
         _measured(
@@ -401,7 +401,7 @@ class Mismatch(Frozen):
             source="dual-antenna GNSS 0.1-0.3 deg; magnetometer or scan matching 0.5-3 deg",
         ),
     ] = 0.0
-    """The same of its heading, rad."""
+    """Standard deviation of its own heading, every control tick anew, rad."""
     steer_noise_rad: Annotated[
         Noise,
         _measured(
@@ -413,7 +413,7 @@ class Mismatch(Frozen):
             source="angle sensors 0.05-0.5 deg at the wheel; estimate",
         ),
     ] = 0.0
-    """The same of its steering angle, rad."""
+    """Standard deviation of its own steering angle, every control tick anew, rad."""
     neighbour_position_noise_m: Annotated[
         Noise,
         _measured(
@@ -424,7 +424,7 @@ class Mismatch(Frozen):
             source="lidar clusters 5-20 cm, camera 0.5 m; at 1/10 an estimate between a tenth and a fifth",
         ),
     ] = 0.0
-    """The same of the neighbours' positions, m."""
+    """Standard deviation of the neighbours' positions, each component, every control tick anew, m."""
     neighbour_velocity_noise_mps: Annotated[
         Noise,
         _measured(
@@ -435,7 +435,7 @@ class Mismatch(Frozen):
             source="automotive radar 0.05-0.15; tracked camera 0.5-1",
         ),
     ] = 0.0
-    """The same of their velocities, m/s."""
+    """Standard deviation of the neighbours' velocities, each component, every control tick anew, m/s."""
     neighbour_position_bias_m: Annotated[
         float,
         _measured(

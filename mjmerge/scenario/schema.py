@@ -170,7 +170,7 @@ def _on_a_line(name: str) -> str:
     return name
 
 
-class Check(Frozen):
+class GateRow(Frozen):
     """A row of the regression gate: this scenario under a mismatch, and what must hold then."""
 
     name: Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_on_a_line)]
@@ -217,7 +217,7 @@ class Scenario(Frozen):
     folder), `package.module:name`, or the name of an entry point of the group mjmerge.metrics."""
     expect: Expect = Expect()
     gate: Annotated[
-        tuple[Check, ...],
+        tuple[GateRow, ...],
         Field(strict=False),
         Acts(on=(), only="it is read by `mjmerge check` alone"),
     ] = ()

@@ -31,7 +31,7 @@ scenario has a mismatch of its own."""
 NOMINAL_DELAY_S = 0.24
 """Dead time of the commands of a full-size car where the scenario has none, s (see ``docs/mismatch.md``)."""
 NOMINAL_DELAY_STEPS = 2
-"""The same at 1/10 scale, in control steps."""
+"""Dead time of the commands of a 1/10 car where the scenario has none, in control steps."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ def idle_lines(ladder: Ladder) -> list[str]:
 
 
 def rich_table(ladder: Ladder) -> Table:
-    """The same for the terminal."""
+    """The rungs as a table for the terminal."""
     from rich.table import Table
 
     each = _each(ladder)

@@ -64,7 +64,7 @@ def markdown(
 
 
 def rich_table(found: Sequence[Break], across: Range | None = None) -> Table:
-    """The same for the terminal."""
+    """Breaking points as a table for the terminal."""
     from rich.table import Table
 
     other = [across.key] if across else []

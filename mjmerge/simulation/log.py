@@ -20,7 +20,7 @@ BLOCK_S = 0.5
 
 
 GLIMPSE_S = 0.1
-"""The same for whoever watches a run live, s."""
+"""Simulated time that reaches whoever watches a run live at once, s."""
 
 
 @dataclass(frozen=True)

@@ -53,13 +53,13 @@ Values = Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
-class Axis(Frozen):
+class Distribution(Frozen):
     """How one key is drawn; one of the three."""
 
     uniform: Pair | None = None
     """From the first number to the second."""
     log_uniform: Pair | None = None
-    """The same with a uniform logarithm; both positive."""
+    """From the first number to the second, with a uniform logarithm; both positive."""
     choice: Values | None = None
     """One of these values, equally likely."""
 
@@ -71,7 +71,7 @@ class Random(Frozen):
     """How many points; each is run with seeds of its own."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Of the draws; that of the runs is first_seed."""
-    axes: Annotated[dict[str, Axis], Field(min_length=1)]
+    axes: Annotated[dict[str, Distribution], Field(min_length=1)]
     """Scenario keys, and how each is drawn."""
 
 
@@ -353,7 +353,7 @@ def _setting(key: str, value: Any, at: str) -> Setting:
     return Setting(key, value, at, f"{at} {key}")
 
 
-def _draw(axis: Axis, rng: np.random.Generator) -> Any:
+def _draw(axis: Distribution, rng: np.random.Generator) -> Any:
     if axis.uniform is not None:
         return float(rng.uniform(*axis.uniform))
     if axis.log_uniform is not None:

@@ -11,7 +11,7 @@ from mjmerge.scenario.levels import LEVELS
 from mjmerge.sweep.plan import is_mismatch
 
 if TYPE_CHECKING:
-    from mjmerge.sweep.campaign import Axis, Block, Campaign
+    from mjmerge.sweep.campaign import Block, Campaign, Distribution
 
 MOST_SCENARIOS = 5_000
 """Different scenarios that a campaign may be made of: each is loaded and checked, its mismatch aside."""
@@ -75,7 +75,7 @@ def _largest(block: Block, at: str) -> str:
     return f"{at}.{max(sizes, key=lambda key: sizes[key])}"
 
 
-def no_range(axis: Axis, at: str) -> Iterator[tuple[str, str]]:
+def no_range(axis: Distribution, at: str) -> Iterator[tuple[str, str]]:
     """What is wrong with the way in which one key is drawn: message and key."""
     ways = axis.model_dump(exclude_none=True)
     if len(ways) != 1:

@@ -81,7 +81,7 @@ def _median(rows: Rows, column: str) -> float | None:
 
 
 def summary(rows: Rows) -> list[dict[str, Any]]:
-    """The same as JSON has it."""
+    """Every law's standing, as JSON has it."""
     return [asdict(one) | {"failed": as_json(one.failed)} for one in standings(rows)]
 
 

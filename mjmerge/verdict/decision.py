@@ -20,7 +20,7 @@ CONDITIONS = ("beside the gap", "room for 2r", "gap stays open")
 
 
 @dataclass(frozen=True)
-class Decision:
+class DecisionMetrics:
     """Decision metrics of one simulation; a time that never came is ``None``.
 
     Attributes:
@@ -57,7 +57,7 @@ def conditions(trace: Trace) -> Mask:
     return np.stack([beside, room, open_], axis=-1)
 
 
-def decision(trace: Trace) -> list[Decision]:
+def decision(trace: Trace) -> list[DecisionMetrics]:
     """Decision metrics of every simulation."""
     h, law = trace.scenario.control_step_s, trace.scenario.law
     off = np.abs(lateral_error_m(trace))
@@ -66,7 +66,7 @@ def decision(trace: Trace) -> list[Decision]:
     straddling = (across > 0.2) & (across < 0.8)
     if not isinstance(law, OpinionDynamics):
         return [
-            Decision(None, None, None, float(straddling[run].sum() * h), None, None)
+            DecisionMetrics(None, None, None, float(straddling[run].sum() * h), None, None)
             for run in range(trace.runs)
         ]
     allowed: Mask = np.all(conditions(trace), axis=2)
@@ -74,7 +74,7 @@ def decision(trace: Trace) -> list[Decision]:
     wrong = (trace.mu_input_per_s > 0) & ~allowed
     least_z = np.where(np.isnan(trace.opinion), np.inf, trace.opinion).min(axis=1)
     return [
-        Decision(
+        DecisionMetrics(
             wrong_sign_s=float(wrong[run].sum() * h),
             refusal_memory_s=_longest_lag(allowed[run], wants[run], h),
             abort_s=_longest_lag(~allowed[run], ~wants[run], h),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjmerge.proving.ground import Log, drive
+from mjmerge.proving.ground import MotionLog, drive
 from mjmerge.proving.manoeuvres import Scale, hold
 from mjmerge.state import G_MPS2
 from mjmerge.world.compose import single
@@ -77,7 +77,7 @@ def compare(model):
     return found
 
 
-def _drive(world) -> Log:
+def _drive(world) -> MotionLog:
     sheet = world.sheets[0]
     scale = Scale.of(sheet)
     speed = 3 * scale.speed_mps

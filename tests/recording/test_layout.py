@@ -18,7 +18,7 @@ from mjmerge.record import Header, Keep, plots, schema
 from mjmerge.record.mcap import foxglove as foxglove_layout
 from mjmerge.record.recording import join, pose
 from mjmerge.record.rerun import arrow
-from mjmerge.record.rerun.side_by_side import Side, write_comparison
+from mjmerge.record.rerun.side_by_side import ShownSide, write_comparison
 from mjmerge.record.scene import CAMERA, TARGET, Scene, closeness
 from mjmerge.roster import roster
 from mjmerge.run import selected
@@ -131,7 +131,7 @@ def test_a_comparison_is_not_written_over_a_file(
     keep = Keep(header)
     for block in make_blocks(20, 5):
         keep.write(block)
-    sides = [Side(label, header, keep.posed(), None) for label in ("ideal", "ideal")]
+    sides = [ShownSide(label, header, keep.posed(), None) for label in ("ideal", "ideal")]
     write_comparison(tmp_path / "c.rrd", sides)
     assert [p.name for p in tmp_path.iterdir()] == ["c.rrd"]
     with pytest.raises(OutputError, match="not overwritten"):

@@ -106,7 +106,7 @@ class RerunRecorder:
             path.replace(self._path)
 
     def _chunks(self) -> list[PosedBlock]:
-        """All there is, in few parts."""
+        """All blocks so far, joined to few."""
         chunks: list[list[PosedBlock]] = []
         room = 0
         for posed in self._posed:

@@ -35,7 +35,7 @@ _GREY = 150
 
 
 @dataclass(frozen=True)
-class Side:
+class ShownSide:
     """One of the runs.
 
     Attributes:
@@ -55,7 +55,7 @@ class Side:
 class _Told:
     """A side, and how it is told."""
 
-    side: Side
+    side: ShownSide
     name: str
     scene: Scene
     solid: bool
@@ -72,7 +72,7 @@ class _Told:
         return r, g, b
 
 
-def write_comparison(path: Path, sides: Sequence[Side]) -> None:
+def write_comparison(path: Path, sides: Sequence[ShownSide]) -> None:
     """Writes a recording with several runs in it; ``<path>.partial`` until it is complete.
 
     Args:
@@ -117,7 +117,7 @@ def write_comparison(path: Path, sides: Sequence[Side]) -> None:
     partial_path.rename(path)
 
 
-def _twice(side: Side, sides: Sequence[Side]) -> bool:
+def _twice(side: ShownSide, sides: Sequence[ShownSide]) -> bool:
     return sum(plots.entity(other.label) == plots.entity(side.label) for other in sides) > 1
 
 
@@ -173,7 +173,7 @@ def _blueprint(told: Sequence[_Told]) -> rrb.Blueprint:
     )
 
 
-def _report(sides: Sequence[Side]) -> str:
+def _report(sides: Sequence[ShownSide]) -> str:
     """The table, a column per side."""
     summaries = [side.outcome.summary if side.outcome else {} for side in sides]
     rows: list[tuple[str, list[str]]] = [
