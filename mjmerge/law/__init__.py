@@ -17,7 +17,7 @@ from pydantic import Field, PlainSerializer, WrapValidator
 
 from mjmerge.config.doors import OrOutside
 from mjmerge.errors import MjmergeError
-from mjmerge.law.base import Decision, Flow, Law, Memory, Signal
+from mjmerge.law.base import Decision, Flow, Law, Memory, Signal, lacking
 from mjmerge.law.opinion_dynamics.law import OpinionDynamics
 from mjmerge.law.opinion_dynamics.variants import VARIANTS
 from mjmerge.law.outside import AbsentLaw, Seen, as_mapping, decided, each_run, let_in, remembered
@@ -39,6 +39,7 @@ __all__ = [
     "each_run",
     "geometry",
     "kinds",
+    "lacking",
     "of_paper",
     "remembered",
     "union",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -83,6 +84,8 @@ class Law(Frozen):
     gives: ClassVar[tuple[str, ...]] = ()
     """Columns of every trace that it fills: ``target_m`` and, where u is their sum, ``u_n_mps2`` without and
     ``u_c_mps2`` by what keeps it clear; they are among the signals of its decisions."""
+    needs: ClassVar[Mapping[str, str]] = {}
+    """Modules of others without which it decides nothing, each with the extra of mjmerge that brings it."""
     guard: ClassVar[str] = "its guard"
     """What keeps it away from the neighbours, in words."""
 
@@ -167,6 +170,13 @@ class Law(Frozen):
     def flow(self) -> Flow | None:
         """Its memory in continuous time; ``None`` if it has a memory and nobody says how that changes."""
         return Flow() if type(self).start is Law.start else None
+
+
+def lacking(law: Law | type[Law]) -> Iterator[str]:
+    """What a law needs and is not installed, each in a line that says how it comes."""
+    for module, extra in law.needs.items():
+        if find_spec(module) is None:
+            yield f"the law needs {module}: pip install 'mjmerge[{extra}]'"
 
 
 class Flow:

@@ -22,7 +22,7 @@ from mjmerge.config.read import file_of, raise_problems, read, validated, valida
 from mjmerge.drivers import Absent, kinds
 from mjmerge.drivers.outside import GROUP, brought
 from mjmerge.errors import MjmergeError, ModelError, ScenarioError, UnknownNameError
-from mjmerge.law import AbsentLaw, Sensed
+from mjmerge.law import AbsentLaw, Sensed, lacking
 from mjmerge.law import kinds as laws
 from mjmerge.law.outside import GROUP as LAWS
 from mjmerge.law.outside import brought as law_brought
@@ -94,6 +94,9 @@ def load(
         sections["metrics"], codes = _metrics(sections["metrics"], near, document)
     for problem in check(sections):
         document.report(problem.message, problem.key)
+    if code and "law" in sections:  # who only reads a recording runs no law
+        for message in lacking(sections["law"]):
+            document.report(message, "law.kind")
     raise_problems(where, document)
     assert scenario is not None, "what is not valid has problems"
     if code and from_outside(scenario.law.kind):

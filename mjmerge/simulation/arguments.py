@@ -15,7 +15,7 @@ from mjmerge.config.doors import DoorError
 from mjmerge.config.frozen import Frozen, PerCar
 from mjmerge.config.read import raise_problems, validated
 from mjmerge.errors import MjmergeError, Problem, ScenarioError, nearest
-from mjmerge.law import AbsentLaw
+from mjmerge.law import AbsentLaw, lacking
 from mjmerge.plant import PLANTS
 from mjmerge.roster import slot
 from mjmerge.scenario.checks import check
@@ -87,6 +87,9 @@ def check_run(
         MjmergeError: with what to pass.
     """
     check_scenario(scenario)
+    assert isinstance(scenario, Scenario)
+    for message in lacking(scenario.law):
+        raise MjmergeError(message)
     if not isinstance(plant, str):
         raise MjmergeError(f"the plant must be one of {', '.join(PLANTS)}, got {described(plant)}")
     whole("threads", threads, 0, most_threads())
