@@ -17,10 +17,12 @@ from pydantic import Field, PlainSerializer, WrapValidator
 
 from mjmerge.config.doors import OrOutside
 from mjmerge.errors import MjmergeError
+from mjmerge.law.asked import decided, remembered
 from mjmerge.law.base import Decision, Flow, Law, Memory, Signal, lacking
+from mjmerge.law.function import Seen, each_run
 from mjmerge.law.opinion_dynamics.law import OpinionDynamics
 from mjmerge.law.opinion_dynamics.variants import VARIANTS
-from mjmerge.law.outside import AbsentLaw, Seen, as_mapping, decided, each_run, let_in, remembered
+from mjmerge.law.outside import AbsentLaw, as_mapping, let_in
 from mjmerge.law.sensed import Geometry, Sensed, geometry
 
 __all__ = [

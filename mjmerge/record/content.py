@@ -15,7 +15,7 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
 from mjmerge.config.frozen import Frozen
 from mjmerge.law import Signal
-from mjmerge.law.outside import MOST_SIGNALS, is_name
+from mjmerge.law.asked import MOST_SIGNALS, is_name
 from mjmerge.plant import PLANTS
 from mjmerge.roster import EGO, MOST_CARS, PER_NEIGHBOUR, XY, Axis, Roster, roster, slot
 from mjmerge.simulation.trace import COLUMNS, Column

@@ -18,16 +18,15 @@ from mjmerge.config.acts import LIMITS
 from mjmerge.drivers import Absent, Along, Driver, Traffic
 from mjmerge.law import AbsentLaw, Decision, Law, Memory, Sensed, remembered
 from mjmerge.law import geometry as seen_geometry
-from mjmerge.law.outside import slice_each
+from mjmerge.law.asked import slice_each
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
 from mjmerge.scenario.cars import believed_sheets
-from mjmerge.simulation.sensing import Sensing
+from mjmerge.simulation.sensing import Sensing, foresight
 from mjmerge.simulation.trace import Trace, the_truth
 from mjmerge.state import Array, Cars, Controls, Mask, dot, norm
 from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
-from mjmerge.vehicle.foresight import Foresight
 
 _DISTANCE_M = 1e-12
 """Distances follow from positions to the last bit on any processor; this much is allowed, or this part."""
@@ -291,9 +290,7 @@ def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) 
 
 def _foreseen(seen: Cars, found: Recorded, trace: Trace) -> Cars:
     """What law and inverse were shown, tick after tick, by what the recording says was commanded before."""
-    way, c = trace.scenario.actuation, found.columns
-    wheelbase_m = believed_sheets(trace.scenario)[0].wheelbase_m
-    foresee = Foresight(way.inverse, way.dead_time_s, found.step_s, wheelbase_m)
+    c, foresee = found.columns, foresight(trace.scenario, trace.plant, continuous=trace.continuous)
     shown = []
     for k in range(len(found.ticks)):
         shown.append(foresee(at(seen, k)))

@@ -24,9 +24,9 @@ from mjmerge.drivers.outside import GROUP, brought
 from mjmerge.errors import MjmergeError, ModelError, ScenarioError, UnknownNameError
 from mjmerge.law import AbsentLaw, Sensed, lacking
 from mjmerge.law import kinds as laws
+from mjmerge.law.asked import rehearse
 from mjmerge.law.outside import GROUP as LAWS
 from mjmerge.law.outside import brought as law_brought
-from mjmerge.law.outside import rehearse
 from mjmerge.roster import in_order
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.checks import check

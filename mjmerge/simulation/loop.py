@@ -16,11 +16,10 @@ from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.arguments import check_run
 from mjmerge.simulation.log import Log, Sink
-from mjmerge.simulation.sensing import Sensing
+from mjmerge.simulation.sensing import Sensing, foresight
 from mjmerge.simulation.trace import Stop, Trace
 from mjmerge.state import Array, Cars, Controls
 from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
-from mjmerge.vehicle.foresight import Foresight
 from mjmerge.world.compose import build
 from mjmerge.world.model import World
 
@@ -95,8 +94,7 @@ def simulate(
         scenario.neighbours, seeds.tolist(), scenario.duration_s, starts_m, sheets[1:], hold_s, (j_1, law.j_2)
     )
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
-    way = scenario.actuation
-    foresee = Foresight(way.inverse, way.dead_time_s, h, sheets[0].wheelbase_m)
+    foresee = foresight(scenario, plant, continuous=continuous)
     memory = law.start(runs, scenario.initial.opinion)
     running = np.ones(runs, dtype=bool)
     log = Log(

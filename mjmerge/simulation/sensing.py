@@ -12,9 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from mjmerge.config.acts import WHEELS
+from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.mismatch import SENSING, Mismatch, column
+from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.delay import Past
+from mjmerge.vehicle.foresight import Foresight
 
 _DRAWN_TICKS = 256  # random numbers are drawn for this many ticks at a time, so that batches cannot matter
 _STREAM = 1_000  # of a simulation's seed; drivers have the streams from 0 on
@@ -25,6 +29,14 @@ _EXACT = Mismatch()
 def exact(mismatch: Mismatch) -> bool:
     """Whether the ego is told the truth."""
     return all(getattr(mismatch, name) == getattr(_EXACT, name) for name in SENSING)
+
+
+def foresight(scenario: Scenario, plant: str, *, continuous: bool) -> Foresight:
+    """What a scenario's ego makes of what it is told, where it steers; elsewhere that is what it is told."""
+    way, steers = scenario.actuation, plant in WHEELS and not continuous
+    inverse = way.inverse if steers else "measured"
+    wheelbase_m = believed_sheets(scenario)[0].wheelbase_m
+    return Foresight(inverse, way.dead_time_s, scenario.control_step_s, wheelbase_m)
 
 
 class Sensing:

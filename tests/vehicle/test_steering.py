@@ -164,6 +164,14 @@ def test_what_it_does_not_reckon_with_is_what_the_contract_asks_about():
         assert broken(simulate(scenario, "bicycle"))["delay small against d"].any() == breaks
 
 
+def test_a_scenario_s_own_foresight_changes_nothing_where_nothing_steers():
+    """On points, and so in the ideal run that a verdict is held against."""
+    scenario = predicted("charge", 0.1, "duration_s=2")
+    plain = load("charge", ["duration_s=2", "mismatch.command_delay_s=0.1"])
+    ours, theirs = (simulate(s, "double_integrator") for s in (scenario, plain))
+    assert ours.front_m.tobytes() == theirs.front_m.tobytes()
+
+
 def test_a_dead_time_is_refused_where_nothing_reckons_with_it():
     with pytest.raises(ScenarioError, match=r"dead_time_s: acts only under actuation.inverse predicted"):
         simulate(load("charge", [COMMANDED, "actuation.dead_time_s=0.1"]), "bicycle")

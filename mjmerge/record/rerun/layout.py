@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-from mjmerge.law.outside import is_name
+from mjmerge.law.asked import is_name
 from mjmerge.record import plots, schema
 from mjmerge.record.plots import Line, Plot
 from mjmerge.record.rerun import arrow

@@ -1,0 +1,248 @@
+"""A law asked what it decides: one from outside that answers wrongly is told by its name and line.
+
+Before t = 0 it is rehearsed. Later, what it does wrong in one simulation stops that one alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjmerge.config.document import described
+from mjmerge.config.doors import DoorError, from_outside, told
+from mjmerge.law.base import VECTORS, Decision, Law, Memory, Signal
+from mjmerge.law.function import RUNS, Function
+from mjmerge.law.sensed import Sensed
+from mjmerge.roster import PER_NEIGHBOUR, XY, Axis
+from mjmerge.state import Array
+
+MOST_SIGNALS = 64
+"""Of one law."""
+_ROWS = 3
+
+
+def decided(law: Law, seen: Sensed, memory: Memory, step_s: float) -> Decision:
+    """What a law decides. One from outside that does not answer in some simulations fails in these alone.
+
+    Args:
+        law: which.
+        seen: what the ego senses.
+        memory: what the law remembers.
+        step_s: the control step, s.
+    """
+    if not from_outside(law.kind):
+        return law.decide(seen, memory, step_s)
+    runs = len(seen.p)
+    try:
+        made = _asked(law, seen, memory, step_s)
+    except DoorError as error:
+        if runs == 1:
+            u = np.full((1, 2), np.nan)
+            none = {s.name: np.full((1, *_shape(s, seen)), np.nan) for s in law.signals}
+            return Decision(u, none, after=memory, failed={0: str(error)})
+        alone = slice_each(seen, memory)
+        return _joined([decided(law, *one, step_s) for one in alone])
+    odd = np.flatnonzero(~np.isfinite(made.u).all(axis=1)).tolist()
+    why = f"{law.kind} gives a command that is not finite"
+    return replace(made, failed={run: f"{why}: {made.u[run].tolist()}" for run in odd})
+
+
+def remembered(law: Law, memory: Memory, decision: Decision, step_s: float) -> Memory:
+    """The memory of a law one control step later."""
+    return law.advance(memory, decision, step_s) if decision.after is None else decision.after
+
+
+def slice_each(seen: Sensed, memory: Memory) -> Iterator[tuple[Sensed, Memory]]:
+    """Each simulation of what is seen and remembered, by itself."""
+    for run in range(len(seen.p)):
+        row = slice(run, run + 1)
+        one = Sensed(**{name: values[row] for name, values in vars(seen).items()})
+        yield one, {name: values[row] for name, values in memory.items()}
+
+
+def _joined(parts: Sequence[Decision]) -> Decision:
+    """Decisions of one simulation each, as one."""
+
+    def together(rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+        names = dict.fromkeys(name for row in rows for name in row)
+        like = {name: next(row[name] for row in rows if name in row) for name in names}
+        return {
+            name: np.concatenate([row.get(name, np.full_like(like[name], np.nan)) for row in rows])
+            for name in names
+        }
+
+    return Decision(
+        np.concatenate([part.u for part in parts]),
+        together([part.signals for part in parts]),
+        after=together([part.after or {} for part in parts]),
+        failed={run: part.failed[0] for run, part in enumerate(parts) if part.failed},
+    )
+
+
+def _asked(law: Law, seen: Sensed, memory: Memory, step_s: float) -> Decision:
+    """What a law from outside decides and remembers, if it is what it must be.
+
+    Raises:
+        DoorError: it is not, or the law raised something; with the line of its file.
+    """
+    place, _, _ = law.kind.rpartition(":")
+    with told(Path(place), f"the law {law.kind} fails: "), np.errstate(all="ignore"):
+        made = law.decide(_frozen(seen), memory, step_s)
+        if isinstance(made, Decision):
+            after = law.advance(memory, made, step_s) if made.after is None else made.after
+    if not isinstance(made, Decision):
+        raise DoorError(f"{law.kind} decides {described(made)}; decide must return a Decision")
+    runs = len(seen.p)
+    signals = {name: _numbers(law, name, values) for name, values in made.signals.items()}
+    declared = {s.name: (runs, *_shape(s, seen)) for s in law.signals} | _common(law, seen)
+    if isinstance(law, Function) and not law.signals:
+        declared = {name: values.shape for name, values in signals.items()}  # as rehearsed, or never given
+    for name in (*declared, *(n for n in signals if n not in declared)):
+        if name not in signals or name not in declared:
+            word = "does not give" if name in declared else "gives, and does not declare,"
+            raise DoorError(f"{law.kind} {word} the signal {name}")
+        if signals[name].shape != declared[name]:
+            raise DoorError(
+                f"{law.kind} gives {name} as an array of shape {signals[name].shape}, not {declared[name]}"
+            )
+    u = _numbers(law, "u", made.u)
+    if u.shape != (runs, 2):
+        raise DoorError(
+            f"{law.kind} gives a command of shape {u.shape}; it must be u in m/s^2, x and y for each of the "
+            f"{runs} simulations: ({runs}, 2)"
+        )
+    for name, values in after.items():
+        if not isinstance(values, np.ndarray) or values.shape[:1] != (runs,):
+            raise DoorError(
+                f"{law.kind} remembers {name} as {described(values)}; it must be an array with a row for "
+                f"each of the {runs} simulations"
+            )
+    return Decision(u, signals, after)
+
+
+def _common(law: Law, seen: Sensed) -> dict[str, tuple[int, ...]]:
+    """Shapes of the columns of every trace that a law fills."""
+    return {name: (len(seen.p), 2) if name in VECTORS else (len(seen.p),) for name in law.gives}
+
+
+def _numbers(law: Law, name: str, given: Any) -> Array:
+    try:
+        values = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        values = np.empty(0, dtype=object)
+    if values.dtype.kind not in "fiub":
+        raise DoorError(f"{law.kind} gives {name} as {described(given)}; it must be numbers")
+    return values.astype(np.float64)
+
+
+def _shape(signal: Signal, seen: Sensed) -> tuple[int, ...]:
+    """Shape of a signal, after the axis N."""
+    return tuple(seen.p_j.shape[1] if axis == PER_NEIGHBOUR else len(axis) for axis in signal.axes)
+
+
+def _frozen(seen: Sensed) -> Sensed:
+    """What is sensed, in arrays that cannot be written to."""
+    views = {name: values.view() for name, values in vars(seen).items()}
+    for view in views.values():
+        view.flags.writeable = False
+    return Sensed(**views)
+
+
+def rehearse(law: Law, seen: Sensed, initial: Mapping[str, float], step_s: float) -> None:
+    """Asks a law from outside before anything runs, and learns which signals a function gives.
+
+    Args:
+        law: which.
+        seen: the scenario's beginning, of one simulation.
+        initial: as of :meth:`Law.start`.
+        step_s: the control step, s.
+
+    Raises:
+        DoorError: it raises something, gives what is no command, gives another when asked again, or lets one
+            simulation depend on others.
+    """
+    rng = np.random.default_rng(0)
+    rows = {
+        name: values
+        + np.concatenate([values * 0, 0.05 * rng.standard_normal((_ROWS - 1, *values.shape[1:]))])
+        if name != "u_1"
+        else np.repeat(values, _ROWS, axis=0)
+        for name, values in vars(seen).items()
+    }
+    several = Sensed(**rows)
+    place, _, _ = law.kind.rpartition(":")
+    with told(Path(place), f"the law {law.kind} fails: "):
+        memory = law.start(_ROWS, initial)
+    if isinstance(law, Function):
+        law._found = _learnt(law, _asked(law, several, memory, step_s), several)
+    if len(law.signals) > MOST_SIGNALS:
+        raise DoorError(f"{law.kind} has {len(law.signals)} signals; up to {MOST_SIGNALS} are recorded")
+    for _ in range(2):  # the second time with a memory
+        first, again = (_asked(law, several, memory, step_s) for _ in range(2))
+        if not _same(first, again):
+            raise DoorError(
+                f"{law.kind} gives another command when it is asked the same again: what it keeps belongs "
+                "into its memory, and nothing may be drawn"
+            )
+        if not np.isfinite(first.u).all():
+            raise DoorError(f"{law.kind} gives a command that is not finite: {first.u[0].tolist()}")
+        for run, (one, own) in enumerate(slice_each(several, memory)):
+            alone = _asked(law, one, own, step_s)
+            if alone.u.tobytes() != first.u[run : run + 1].tobytes():
+                raise DoorError(
+                    f"{law.kind} gives another command for a simulation alone than among {_ROWS}: each row "
+                    "must follow from its own, to the last bit (or mark it with mjmerge.law.each_run)"
+                )
+        memory = first.after or {}
+    if isinstance(law, Function):
+        law._remembers = any(memory[RUNS]) if RUNS in memory else bool(memory)
+
+
+def _same(a: Decision, b: Decision) -> bool:
+    """Whether two decisions are the same, bit for bit."""
+    return a.u.tobytes() == b.u.tobytes() and all(
+        a.signals[name].tobytes() == b.signals[name].tobytes() for name in a.signals
+    )
+
+
+def _learnt(law: Law, made: Decision, seen: Sensed) -> tuple[Signal, ...]:
+    """The signals that a function gave.
+
+    Raises:
+        DoorError: one cannot be recorded.
+    """
+    found = []
+    axes: dict[tuple[int, ...], tuple[Axis, ...]] = {
+        (): (),
+        (seen.p_j.shape[1],): (PER_NEIGHBOUR,),
+    }
+    for name, values in made.signals.items():
+        if not is_name(name):
+            raise DoorError(
+                f"{law.kind} has a signal called {str(name)[:40]!r}: expected lower-case letters, digits "
+                "and _, with its unit at the end"
+            )
+        of = axes.get(values.shape[1:], (XY,) if values.shape[1:] == (2,) else None)
+        if of is None:
+            raise DoorError(
+                f"{law.kind} gives {name} as an array of shape {values.shape}; a signal is a number for each "
+                "simulation, or one for each neighbour"
+            )
+        found.append(Signal(name, "a signal of the law's own", axes=of))
+    return tuple(found)
+
+
+def is_name(name: object) -> bool:
+    """Whether a signal may be called so."""
+    return (
+        isinstance(name, str)
+        and 0 < len(name) <= 64
+        and name.isascii()
+        and name.isidentifier()
+        and name == name.lower()
+        and not name.startswith("_")
+    )
