@@ -169,7 +169,7 @@ def draw_opinion(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
 
     Of a law that has none, its command along the road.
     """
-    with_z = "weight" in trace.scenario.law.gives
+    with_z = not np.isnan(trace.opinion[0]).all()
     shown = trace.opinion[0] if with_z else trace.u_mps2[0, :, 0, 0]
     axes.plot(trace.time_s, shown, color=OPINION, alpha=0.3)
     axes.set_ylabel("opinion $z$" if with_z else "$u$ along (m/s²)")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, colour, save, sheet, words
-from mjmerge.law import OpinionDynamics, of_paper
+from mjmerge.law import is_paper, of_paper
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict.metrics import shared_ticks
@@ -30,7 +30,7 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     """Opinion, lateral positions and distances of one run."""
     figure, (opinion, lateral, distance) = sheet((1, 1, 1), 8.5)
     t = trace.time_s
-    if "weight" in trace.scenario.law.gives:
+    if not np.isnan(trace.opinion[run]).all():
         opinion.plot(t, trace.opinion[run], color=OPINION, label="$z$")
         opinion.plot(t, trace.mu[run], color=MU, linewidth=0.8, label="$\\mu$")
         opinion.set_ylabel("opinion")
@@ -45,7 +45,7 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     distance.set_xlabel("time (s)")
     for axes in (opinion, lateral, distance):
         axes.legend(loc="upper right", frameon=False)
-    law = "" if isinstance(trace.scenario.law, OpinionDynamics) else f", {words(trace.scenario.law.label)}"
+    law = "" if is_paper(trace.scenario.law) else f", {words(trace.scenario.law.label)}"
     figure.suptitle(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}{law}")
     return figure
 
@@ -118,7 +118,7 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
     figure, (opinion, lateral, distance, apart) = sheet((2, 2, 3, 1.5), 9.6)
     in_a, in_b = shared_ticks(a, b)
     style: tuple[dict[str, Any], ...] = (PALE, {})
-    with_z = all("weight" in trace.scenario.law.gives for trace in (a, b))
+    with_z = not any(np.isnan(trace.opinion[0]).all() for trace in (a, b))
     for trace, label, how in zip((a, b), map(words, labels), style, strict=True):
         shown = trace.opinion[0] if with_z else trace.u_mps2[0, :, 0, 0]
         opinion.plot(trace.time_s, shown, color=OPINION, label=label, **how)

@@ -11,11 +11,11 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Union
+from typing import Annotated, Any, TypeGuard, Union
 
 from pydantic import Field, PlainSerializer, WrapValidator
 
-from mjmerge.config.doors import OrOutside
+from mjmerge.config.doors import OrOutside, from_outside
 from mjmerge.errors import MjmergeError
 from mjmerge.law.asked import decided, remembered
 from mjmerge.law.base import Decision, Flow, Law, Memory, Signal, lacking
@@ -40,12 +40,18 @@ __all__ = [
     "decided",
     "each_run",
     "geometry",
+    "is_paper",
     "kinds",
     "lacking",
     "of_paper",
     "remembered",
     "union",
 ]
+
+
+def is_paper(law: Law) -> TypeGuard[OpinionDynamics]:
+    """Whether it is the paper's law itself: what somebody derives from it is a law of their own."""
+    return isinstance(law, OpinionDynamics) and not from_outside(law.kind)
 
 
 def of_paper(law: Law) -> OpinionDynamics:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mjmerge.config.document import described
 from mjmerge.config.doors import DoorError, from_outside, told
-from mjmerge.law.base import VECTORS, Decision, Law, Memory, Signal
+from mjmerge.law.base import OWN_DISTANCES, VECTORS, Decision, Law, Memory, Signal
 from mjmerge.law.function import RUNS, Function
 from mjmerge.law.sensed import Sensed
 from mjmerge.roster import PER_NEIGHBOUR, XY, Axis
@@ -126,7 +126,9 @@ def _asked(law: Law, seen: Sensed, memory: Memory, step_s: float) -> Decision:
 
 def _common(law: Law, seen: Sensed) -> dict[str, tuple[int, ...]]:
     """Shapes of the columns of every trace that a law fills."""
-    return {name: (len(seen.p), 2) if name in VECTORS else (len(seen.p),) for name in law.gives}
+    runs = len(seen.p)
+    shapes = dict.fromkeys(VECTORS, (runs, 2)) | dict.fromkeys(OWN_DISTANCES, (runs, seen.p_j.shape[1]))
+    return {name: shapes.get(name, (runs,)) for name in law.gives}
 
 
 def _numbers(law: Law, name: str, given: Any) -> Array:

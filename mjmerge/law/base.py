@@ -25,6 +25,10 @@ VECTORS = ("target_m", "u_n_mps2", "u_c_mps2")
 """Columns of every trace that any law may fill: where it wants the ego, and the two parts of its command."""
 
 
+OWN_DISTANCES = ("sensed_distance_m", "sensed_distance_rate_mps")
+"""Columns of every trace that are what the ego is told, or, where a law gives them, what it makes of that."""
+
+
 @dataclass(frozen=True)
 class Signal:
     """A number of a law's own that is recorded at every tick.
@@ -82,8 +86,9 @@ class Law(Frozen):
     remembers: ClassVar[tuple[str, ...]] = ()
     """What of its memory is a column of every trace: ``opinion`` and ``mu`` of the paper's law."""
     gives: ClassVar[tuple[str, ...]] = ()
-    """Columns of every trace that it fills: ``target_m`` and, where u is their sum, ``u_n_mps2`` without and
-    ``u_c_mps2`` by what keeps it clear; they are among the signals of its decisions."""
+    """Columns of every trace that it fills, which are among the signals of its decisions: ``target_m``;
+    where u is their sum, ``u_n_mps2`` without and ``u_c_mps2`` by what keeps it clear; and, to be held
+    against the truth, ``sensed_distance_m`` and ``sensed_distance_rate_mps`` as it computes them itself."""
     needs: ClassVar[Mapping[str, str]] = {}
     """Modules of others without which it decides nothing, each with the extra of mjmerge that brings it."""
     guard: ClassVar[str] = "its guard"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from mjmerge.law import OpinionDynamics
+from mjmerge.law import is_paper
 from mjmerge.record.schema import LAW_TOPIC, SIGNAL_TOPIC, car_topic
 from mjmerge.roster import WHEELS, Roster, along
 from mjmerge.scenario.schema import Scenario
@@ -101,7 +101,7 @@ def main(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
 
 def _of_law(scenario: Scenario, paint: Mapping[str, Array]) -> Iterator[Plot]:
     """What the law has in mind: the paper's opinion, and the signals of any other."""
-    if isinstance(scenario.law, OpinionDynamics):
+    if is_paper(scenario.law):
         yield Plot(
             "Opinion z, mu, weight w of the merge",
             (

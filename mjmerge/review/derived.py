@@ -183,12 +183,14 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
         steer_rad=steer,
     )
     seen_as = seen_geometry(law, Sensed.of(seen, c["sensed_leader_mps2"]))
-    ahead = _foreseen(seen, found, trace)
+    ahead, later = _foreseen(seen, found, trace)
     sensed = Sensed.of(ahead, c["sensed_leader_mps2"])
     u_0, signals = c["u_mps2"][:, 0], {}  # a law whose code is not let in decided what it did
     if not isinstance(law, AbsentLaw):
         decision = _decided(found, trace, sensed)
         u_0, signals = decision.u, dict(decision.signals)
+    own = {"sensed_distance_m": seen_as.d, "sensed_distance_rate_mps": seen_as.d_dot}
+    own |= {} if later else {name: signals[name] for name in own if name in signals}
     u = np.concatenate([u_0[:, None], u_j], axis=1)
     actuated = _actuated(ahead, u, stand, found, trace)
     for k, driver in enumerate(trace.scenario.neighbours, 1):
@@ -197,8 +199,7 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
                 actuated[name][:, k] = c[name][:, k]
     return {
         **signals,
-        "sensed_distance_m": seen_as.d,
-        "sensed_distance_rate_mps": seen_as.d_dot,
+        **own,
         "u_mps2": u,
         **actuated,
     }
@@ -288,15 +289,16 @@ def _actuated(seen: Cars, u: Array, stand: Mask, found: Recorded, trace: Trace) 
     return {column: np.concatenate([getattr(one, name) for one in told]) for column, name in names.items()}
 
 
-def _foreseen(seen: Cars, found: Recorded, trace: Trace) -> Cars:
-    """What law and inverse were shown, tick after tick, by what the recording says was commanded before."""
+def _foreseen(seen: Cars, found: Recorded, trace: Trace) -> tuple[Cars, bool]:
+    """What law and inverse were shown by what was commanded before, and whether it is of later."""
     c, foresee = found.columns, foresight(trace.scenario, trace.plant, continuous=trace.continuous)
     shown = []
     for k in range(len(found.ticks)):
         shown.append(foresee(at(seen, k)))
         row = {name: c[column][k : k + 1] for name, column in _TOLD.items()}
         foresee.told(Controls(**row, wheel_steer_rad=np.zeros(0)))
-    return Cars(**{name: np.concatenate([getattr(one, name) for one in shown]) for name in vars(seen)})
+    whole = {name: np.concatenate([getattr(one, name) for one in shown]) for name in vars(seen)}
+    return Cars(**whole), foresee.looks_ahead
 
 
 _TOLD = {

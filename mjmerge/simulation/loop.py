@@ -136,7 +136,9 @@ def simulate(
         foresee.told(controls)
 
         # record
-        row = _row(cars, truth, told, controls, moving.contacts()) | _of_law(law, memory, decision)
+        row = _row(cars, truth, controls, moving.contacts()) | _seen(told) | _of_law(law, memory, decision)
+        if foresee.looks_ahead:  # the law's distances are those of later
+            row |= _seen(told)
         if not sense.exact:
             row |= _told(seen, u_1)
         log.write(row, running, lambda: moving.qpos()[0])
@@ -161,6 +163,11 @@ def _told(seen: Cars, u_1: Array) -> dict[str, Array]:
     }
 
 
+def _seen(told: Geometry) -> dict[str, Array]:
+    """Distances of one tick as the ego is told them, as the columns of the trace."""
+    return {"sensed_distance_m": told.d, "sensed_distance_rate_mps": told.d_dot}
+
+
 def _of_law(law: Law, memory: Memory, decision: Decision) -> dict[str, Array]:
     """What the law remembers and made of one tick, as far as it is recorded."""
     return {name: memory[name] for name in law.remembers} | dict(decision.signals)
@@ -169,7 +176,6 @@ def _of_law(law: Law, memory: Memory, decision: Decision) -> dict[str, Array]:
 def _row(
     cars: Cars,
     truth: Geometry,
-    told: Geometry,
     controls: Controls,
     contacts: tuple[Array, Array],
 ) -> dict[str, Array]:
@@ -177,8 +183,6 @@ def _row(
     return {
         "distance_m": truth.d,
         "distance_rate_mps": truth.d_dot,
-        "sensed_distance_m": told.d,
-        "sensed_distance_rate_mps": told.d_dot,
         "gap_m": truth.dbar,
         "gap_rate_mps": truth.dbar_dot,
         "clearance_m": cars.clearance_m,

@@ -35,6 +35,11 @@ class Foresight:
         whole = int(np.ceil(self._dead_time_s / step_s - 1e-9))
         self._told: deque[Controls] = deque(maxlen=max(whole, 1))
 
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether it shows another time than now."""
+        return self._dead_time_s > 0
+
     def __call__(self, cars: Cars) -> Cars:
         """The cars as the law and the inverse are to see them; the neighbours' own state as it is.
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from mjmerge.law import OpinionDynamics
+from mjmerge.law import is_paper
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Mask
 from mjmerge.verdict.metrics import INTENT, lateral_error_m
@@ -49,7 +49,7 @@ class DecisionMetrics:
 def conditions(trace: Trace) -> Mask:
     """Which of ``CONDITIONS`` hold, (N, T, 3); false where there is no data."""
     p, law = trace.front_m, trace.scenario.law
-    assert isinstance(law, OpinionDynamics), "no other law has them"
+    assert is_paper(law), "no other law has them"
     one, two = 1 + law.j_1, 1 + law.j_2
     beside = (p[:, :, 0, 0] - p[:, :, one, 0]) * (p[:, :, 0, 0] - p[:, :, two, 0]) < 0
     room = trace.gap_m > 2 * law.r_m
@@ -61,10 +61,10 @@ def decision(trace: Trace) -> list[DecisionMetrics]:
     """Decision metrics of every simulation."""
     h, law = trace.scenario.control_step_s, trace.scenario.law
     off = np.abs(lateral_error_m(trace))
-    lane = abs(law.r_eta_m) if isinstance(law, OpinionDynamics) else off[:, :1]
+    lane = abs(law.r_eta_m) if is_paper(law) else off[:, :1]
     across = off / np.where(lane == 0, 1.0, lane)
     straddling = (across > 0.2) & (across < 0.8)
-    if not isinstance(law, OpinionDynamics):
+    if not is_paper(law):
         return [
             DecisionMetrics(None, None, None, float(straddling[run].sum() * h), None, None)
             for run in range(trace.runs)

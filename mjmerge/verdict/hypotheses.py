@@ -16,8 +16,10 @@ from math import pi
 import numpy as np
 
 from mjmerge.config.acts import BODIES, EVERY, LIMITS, WHEELS
+from mjmerge.config.doors import from_outside
 from mjmerge.law import Law, Signal
 from mjmerge.law.cbf_qp import CbfQp
+from mjmerge.law.function import GUARDED
 from mjmerge.law.opinion_dynamics.barrier import effective_distance
 from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.scenario.cars import car_sheets
@@ -63,8 +65,13 @@ class Hypothesis:
 
     def asked(self, trace: Trace) -> bool:
         """Whether the trace's world has what this is about."""
+        law = trace.scenario.law
         there = trace.plant in self.plants and not (self.sampled and trace.continuous)
-        return there and isinstance(trace.scenario.law, self.laws)
+        return there and self.of(law)
+
+    def of(self, law: Law) -> bool:
+        """Whether it is one of this law's; of one from outside none is but those of every law."""
+        return self.laws == (Law,) or (isinstance(law, self.laws) and not from_outside(law.kind))
 
 
 def asked(trace: Trace) -> dict[str, Hypothesis]:
@@ -128,6 +135,8 @@ def _opinion_awake(trace: Trace) -> Mask:
 def _barrier_on(trace: Trace) -> Mask:
     """Off everywhere with k_o = 0, or with a law that has none; and where a variant caps 1/d."""
     law, d = trace.scenario.law, trace.distance_m
+    if from_outside(law.kind):
+        return np.full(d.shape[:2], getattr(law, GUARDED, None) is False)
     if not isinstance(law, Parameters):
         return np.full(d.shape[:2], law.unguarded() == law)
     capped: Mask = np.any((d > 0) & (effective_distance(law, d) > d), axis=2)

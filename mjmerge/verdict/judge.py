@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjmerge.law import OpinionDynamics
+from mjmerge.law import is_paper
 from mjmerge.simulation.trace import Stop, Trace, check_trace
 from mjmerge.state import Array, Mask, dot
 from mjmerge.verdict.counterfactual import guarded, with_barrier_m, without_barrier_m
@@ -272,7 +272,7 @@ def _dissipates(trace: Trace, run: int) -> bool:
 
     That is along - sum_j g_j d_j'/d_j. Its work on one pair says nothing: away from one is towards another.
     """
-    if not isinstance(trace.scenario.law, OpinionDynamics):
+    if not is_paper(trace.scenario.law):
         return True  # no other claims that
     g = trace.front_m[run, :, :1] - trace.front_m[run, :, 1:]
     g /= np.linalg.norm(g, axis=-1, keepdims=True)

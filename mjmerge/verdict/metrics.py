@@ -91,10 +91,10 @@ def intends(trace: Trace) -> Mask:
 
     That is, a fifth of the way across that it began with, or further.
     """
-    if "weight" in trace.scenario.law.gives:
-        return trace.weight > INTENT
     across = np.abs(lateral_error_m(trace))
-    return across < 0.8 * across[:, :1]
+    weighed = ~np.isnan(trace.weight).all(axis=1, keepdims=True)
+    means: Mask = np.where(weighed, trace.weight > INTENT, across < 0.8 * across[:, :1])
+    return means
 
 
 def turned_rad(trace: Trace) -> Array:
@@ -213,7 +213,7 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
 
     for start, end in spans(intends(trace)[run]):
         add(start, "info", "ego", f"intends to merge{_opinion(trace, run, start)}")
-        if end < len(time_s) and not np.isnan(trace.front_m[run, end, 0, 0]):
+        if end < len(time_s) and not np.isnan([trace.front_m[run, end, 0, 0], trace.weight[run, end]]).all():
             add(end, "info", "ego", f"gives up the merge{_opinion(trace, run, end)}")
     merged_s = merged_at_s(trace)[run]
     if not np.isnan(merged_s):

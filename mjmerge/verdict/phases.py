@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmerge.law import Law
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Mask
-from mjmerge.verdict.hypotheses import HYPOTHESES, broken
+from mjmerge.verdict.hypotheses import HYPOTHESES, broken, own
 from mjmerge.verdict.metrics import intends, merged, saturated
 
 DECISION = ("keeps its lane", "merging", "merged")
@@ -25,7 +26,13 @@ NAMES: dict[str, tuple[str, ...]] = {
     **WATCHED,
     **dict.fromkeys(HYPOTHESES, CONTRACT),
 }
-"""What is watched, and the states it can be in, from the calmest on; hypotheses of a law's own beside it."""
+"""What can be watched, whatever the law, and the states it can be in, from the calmest on."""
+
+
+def names(law: Law) -> dict[str, tuple[str, ...]]:
+    """What is watched under a law, and the states it can be in."""
+    of = [name for name, one in HYPOTHESES.items() if one.of(law)]
+    return {**WATCHED, **dict.fromkeys((*of, *own(law)), CONTRACT)}
 
 
 @dataclass(frozen=True)

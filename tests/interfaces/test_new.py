@@ -152,6 +152,7 @@ def test_the_texts_of_the_starts_are_in_the_wheel():
         "car.md",
         "car.xml",
         "driver.txt",
+        "law.txt",
         "metric.txt",
         "campaign.yaml",
         "scenario.yaml",

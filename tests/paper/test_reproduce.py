@@ -17,8 +17,7 @@ from PIL import Image
 from mjmerge.cli import main
 from mjmerge.figures.animation import EVERY_S, SHOWN_S, animate, ticks
 from mjmerge.figures.runs import distances
-from mjmerge.law import VARIANTS, OpinionDynamics
-from mjmerge.law.opinion_dynamics import law as merge
+from mjmerge.law import VARIANTS, OpinionDynamics, sensed
 from mjmerge.paper import facts, reproduce
 from mjmerge.paper.bifurcation import branches, converging
 from mjmerge.scenario.load import load
@@ -324,11 +323,11 @@ def test_an_earlier_reproduction_in_the_default_folder_makes_way(capsys, tmp_pat
 
 def test_the_commands_are_even_in_g_j(monkeypatch):
     """The text has g_j point from the ego to the neighbour, the formula the other way: it does not matter."""
-    unit = merge._unit
+    unit = sensed._unit
     scenario = load("paper", ["control_step_s=0.02"])
     one = simulate(scenario, "double_integrator")
     monkeypatch.setattr(
-        merge, "_unit", lambda a, length: -unit(a, length) if a.ndim == 3 else unit(a, length)
+        sensed, "_unit", lambda a, length: -unit(a, length) if a.ndim == 3 else unit(a, length)
     )
     other = simulate(scenario, "double_integrator")
     assert np.array_equal(one.u_mps2, other.u_mps2)

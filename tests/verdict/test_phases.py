@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from mjmerge.scenario.load import load
 from mjmerge.simulation.trace import Stop
 from mjmerge.verdict.hypotheses import HYPOTHESES
-from mjmerge.verdict.phases import ENDED, NAMES, phases
+from mjmerge.verdict.phases import ENDED, NAMES, WATCHED, names, phases
 
 T = 40
 
@@ -31,9 +32,10 @@ def of(subject, trace):
 
 def test_every_subject_has_a_state_from_the_start(make_trace):
     found = phases(trace_of(make_trace))
-    assert [p.subject for p in found if p.time_s == 0.0] == list(NAMES)
-    assert len(found) == len(NAMES)
-    assert set(HYPOTHESES) < set(NAMES)
+    watched = names(load("paper").law)
+    assert [p.subject for p in found if p.time_s == 0.0] == list(watched)
+    assert len(found) == len(watched)
+    assert set(watched) < set(NAMES) == set(HYPOTHESES) | set(WATCHED)
 
 
 def test_a_merge_goes_through_its_three_states(make_trace):
@@ -68,7 +70,7 @@ def test_a_hypothesis_may_break_and_hold_again(make_trace):
     ]
 
 
-@pytest.mark.parametrize("subject", NAMES)
+@pytest.mark.parametrize("subject", names(load("paper").law))
 def test_a_run_that_stops_ends_every_phase_there(make_trace, subject):
     front = np.zeros((1, T, 3, 2))
     front[:, 20:] = np.nan

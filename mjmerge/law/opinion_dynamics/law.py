@@ -79,7 +79,8 @@ class OpinionDynamics(Parameters):
     guard: ClassVar[str] = "the barrier"
     remembers: ClassVar[tuple[str, ...]] = ("opinion", "mu")
     gives: ClassVar[tuple[str, ...]] = (
-        "weight", "mu_input_per_s", "target_m", "u_n_mps2", "u_c_mps2",
+        "weight", "mu_input_per_s", "sensed_distance_m", "sensed_distance_rate_mps", "target_m", "u_n_mps2",
+        "u_c_mps2",
     )  # fmt: skip
 
     @property
@@ -104,6 +105,8 @@ class OpinionDynamics(Parameters):
             {
                 "weight": made.w,
                 "mu_input_per_s": made.mu_input,
+                "sensed_distance_m": made.geometry.d,
+                "sensed_distance_rate_mps": made.geometry.d_dot,
                 "target_m": made.target,
                 "u_n_mps2": made.u_n,
                 "u_c_mps2": made.u_c,

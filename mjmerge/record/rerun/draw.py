@@ -22,7 +22,6 @@ from mjmerge.record.scene import DISC_RGBA, Scene, Shape
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array
 from mjmerge.verdict import phases
-from mjmerge.verdict.hypotheses import own
 
 Still = list[tuple[str, rr.AsComponents]]
 """Entities and what never changes of them."""
@@ -165,7 +164,7 @@ def still_states(scenario: Scenario) -> Still:
             layout.phase_entity(subject),
             rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject)),
         )
-        for subject, names in {**phases.NAMES, **dict.fromkeys(own(scenario.law), phases.CONTRACT)}.items()
+        for subject, names in phases.names(scenario.law).items()
     ]
 
 
