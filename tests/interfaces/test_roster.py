@@ -192,8 +192,7 @@ def test_a_car_that_cuts_in_between_is_the_one_that_is_followed():
     assert (trace.front_m[0, :, 3, 0] > trace.front_m[0, :, 2, 0]).all()
 
 
-@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-@pytest.mark.parametrize("cars", [4, 9])
+@pytest.mark.parametrize(("cars", "plant"), [(4, "mujoco"), (9, "bicycle")])
 def test_recordings_of_many_verify_replay_and_come_back(cars, plant, tmp_path):
     path, out = tmp_path / "many.yaml", tmp_path / "run"
     path.write_text(dump(crowd(cars, 0.6, **{"mismatch.neighbour_position_noise_m": 0.002})))

@@ -100,9 +100,10 @@ def test_the_runs_are_as_different_as_they_are_called(recorded) -> None:
 
 
 @pytest.mark.parametrize("name", shipped.scenarios())
-def test_shipped_scenarios_are_recorded_rightly(tmp_path: Path, name: str) -> None:
+def test_shipped_scenarios_are_recorded_rightly(tmp_path: Path, name: str, long: bool) -> None:
     run(load(name, ["duration_s=0.6"]), "mujoco", folder=tmp_path)
-    assert [verify(tmp_path / f"run.{kind}").right for kind in KINDS] == [True, True]
+    kinds = KINDS if long or name in ("paper", "highway", "stop_and_go") else ("mcap",)
+    assert all(verify(tmp_path / f"run.{kind}").right for kind in kinds)
 
 
 @pytest.mark.parametrize("kind", KINDS)
