@@ -60,6 +60,7 @@ def queue() -> None:
     """A scenario of one's own whose law is this."""
     make("scenario", "queue", Path())
     text = Path("queue.yaml").read_text()
+    text = text.replace("\nduration_s: 20", "\nduration_s: 9\nphysics_step_s: 0.002")
     Path("queue.yaml").write_text(
         re.sub(r"\nlaw:.*\n", "\nlaw:\n  kind: 'mine.py:mine'\n", text).replace("  r_eta_m", "  # r_eta_m")
     )
