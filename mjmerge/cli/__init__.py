@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from errno import ENAMETOOLONG
 from threading import Event, current_thread, main_thread
 from types import FrameType
 from typing import Annotated, Any, Union
@@ -60,7 +61,7 @@ COMMANDS: tuple[Any, ...] = (
     Schema,
 )
 """In the order of the help."""
-_BAD_INPUT, _FAILED = 2, 3
+_BAD_INPUT, _FAILED, _TERMINATED = 2, 3, 128 + signal.SIGTERM
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -73,8 +74,8 @@ def main(argv: list[str] | None = None) -> None:
     arguments = sys.argv[1:] if argv is None else [*argv]
     if is_command():
         _hush_libraries()
-    with standard() as streams, _signals() as interrupted:
-        code = _answer(arguments, interrupted)
+    with standard() as streams, _signals() as (interrupted, terminated):
+        code = _answer(arguments, interrupted, terminated)
         lost = streams.lost
         if lost:
             _say(f"standard output did not take everything: {lost}")
@@ -90,13 +91,15 @@ def _hush_libraries() -> None:
     os.environ.setdefault("RUST_LOG", "off")
 
 
-def _answer(arguments: Sequence[str], interrupted: Event) -> int:
+def _answer(arguments: Sequence[str], interrupted: Event, terminated: Event) -> int:
     """Runs the command that the arguments ask for; returns its exit code."""
     command: Any = None
     try:
         command = _parsed(arguments)
         return int(command())
     except SystemExit as ended:  # help, a misspelt option, SIGTERM
+        if terminated.is_set():  # some libraries turn the exception into one with a code of their own
+            return _TERMINATED
         return ended.code if isinstance(ended.code, int) else _BAD_INPUT if ended.code else 0
     except BaseException as error:  # a panic in what is made of Rust is no Exception
         leave_quietly()
@@ -107,6 +110,9 @@ def _answer(arguments: Sequence[str], interrupted: Event) -> int:
         if isinstance(error, MjmergeError):
             _say(str(error))
             return _FAILED if error.failed or no_room(error) else _BAD_INPUT
+        if isinstance(error, OSError) and error.errno == ENAMETOOLONG:
+            _say(f"the name {str(error.filename)[:60]}... is too long for a file")
+            return _BAD_INPUT
         if isinstance(error, MemoryError):
             _say("there is not enough memory for this: ask for fewer runs at a time, or a shorter one")
         elif no_room(error):
@@ -129,13 +135,14 @@ def _parsed(arguments: Sequence[str]) -> Any:
 
 
 @contextmanager
-def _signals() -> Iterator[Event]:
-    """SIGTERM and SIGINT as exceptions, so that recordings are closed; yields whether it was interrupted."""
-    interrupted = Event()
+def _signals() -> Iterator[tuple[Event, Event]]:
+    """SIGTERM and SIGINT as exceptions, so that recordings are closed; yields whether either came."""
+    interrupted, terminated = Event(), Event()
 
     def terminate(signum: int, frame: FrameType | None) -> None:
-        del frame
-        raise SystemExit(128 + signum)
+        del signum, frame
+        terminated.set()
+        raise SystemExit(_TERMINATED)
 
     def interrupt(signum: int, frame: FrameType | None) -> None:
         del signum, frame
@@ -143,14 +150,14 @@ def _signals() -> Iterator[Event]:
         raise KeyboardInterrupt
 
     if current_thread() is not main_thread():
-        yield interrupted
+        yield interrupted, terminated
         return
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     signal.signal(signal.SIGTERM, terminate)
     if before[signal.SIGINT] in (signal.default_int_handler, leave):
         signal.signal(signal.SIGINT, interrupt)
     try:
-        yield interrupted
+        yield interrupted, terminated
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PANELS = 24
-_MORE = ("vehicle_3", "vehicle_4", "vehicle_5", "vehicle_6")
+_MORE = ("vehicle_4", "vehicle_5", "vehicle_6", "vehicle_8")
 """Cars whose colours further laws have."""
 _VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], OPINION, MU, *map(paint, _MORE))
 _OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}

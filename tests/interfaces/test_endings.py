@@ -264,3 +264,34 @@ def test_the_command_starts_no_process_that_looks_for_a_window():
     imported = {line.rpartition("|")[2].strip() for line in ended.stderr.splitlines()}
     assert "mujoco" in imported
     assert "glfw.library" not in imported
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["run", "check", "verify", "replay", "recover", "convert --csv --out out", "view --check", "video",
+     "sweep", "sweep --ladder", "export", "identify", "run paper --out", "new car mine --out"],
+)  # fmt: skip
+def test_a_name_that_is_too_long_for_a_file_is_bad_input(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        main([*words.split(), "a" * 400])
+    assert end.value.code == 2
+    assert capsys.readouterr().err.startswith("mjmerge: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_library_makes_of_being_told_to_end_is_still_that(monkeypatch, capsys):
+    """dm_control raises what it meets while it reads a car again, with a text in the place of the code."""
+
+    def composes(self):
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(5)
+        except SystemExit as error:
+            raise type(error)(f"Line 36: error while parsing element <default>: {error}") from error
+
+    monkeypatch.setattr("mjmerge.cli.List.__call__", composes)
+    with pytest.raises(SystemExit) as end:
+        main(["list"])
+    assert end.value.code == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == ""
