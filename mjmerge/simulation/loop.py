@@ -9,6 +9,7 @@ import numpy as np
 from mjmerge.config.bounds import check_runs
 from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Law, Memory, Sensed, decided, geometry, remembered
+from mjmerge.law.base import OWN_DISTANCES
 from mjmerge.plant import check, make
 from mjmerge.scenario.cars import believed_sheets, car_sheets
 from mjmerge.scenario.effect import check as check_effect
@@ -95,7 +96,7 @@ def simulate(
     )
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     foresee = foresight(scenario, plant, continuous=continuous)
-    memory = law.start(runs, scenario.initial.opinion)
+    memory, made_own = law.start(runs, scenario.initial.opinion), set(OWN_DISTANCES) <= set(law.gives)
     running = np.ones(runs, dtype=bool)
     log = Log(
         scenario, plant, seeds, sheets, mismatch, sink, live, continuous=continuous, told_truth=sense.exact
@@ -127,7 +128,6 @@ def simulate(
                 running[run] = False
                 log.stop(Stop(run, t, names[0], why))
         truth = geometry(law, Sensed.of(cars, u_j[:, j_1]))
-        told = truth if sense.exact else geometry(law, Sensed.of(seen, u_1))
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
@@ -136,9 +136,9 @@ def simulate(
         foresee.told(controls)
 
         # record
-        row = _row(cars, truth, controls, moving.contacts()) | _seen(told) | _of_law(law, memory, decision)
-        if foresee.looks_ahead:  # the law's distances are those of later
-            row |= _seen(told)
+        row = _row(cars, truth, controls, moving.contacts()) | _of_law(law, memory, decision)
+        if foresee.looks_ahead or not made_own:  # the law's distances are those of later, or it gives none
+            row |= _distances(truth if sense.exact else geometry(law, Sensed.of(seen, u_1)))
         if not sense.exact:
             row |= _told(seen, u_1)
         log.write(row, running, lambda: moving.qpos()[0])
@@ -163,7 +163,7 @@ def _told(seen: Cars, u_1: Array) -> dict[str, Array]:
     }
 
 
-def _seen(told: Geometry) -> dict[str, Array]:
+def _distances(told: Geometry) -> dict[str, Array]:
     """Distances of one tick as the ego is told them, as the columns of the trace."""
     return {"sensed_distance_m": told.d, "sensed_distance_rate_mps": told.d_dot}
 
