@@ -190,8 +190,8 @@ def signals_of(manifest: Mapping[str, Any]) -> tuple[Signal, ...]:
     there, asks = roster_of(manifest), manifest.get("asks") or {}
     axes: dict[tuple[str, ...], Axis] = {there.neighbours: PER_NEIGHBOUR, XY: XY}
     found: dict[str, Signal] = {}
-    for column in manifest["columns"]:
-        if column.get("name") in _EVERY:
+    for column in manifest.get("columns", ()):  # of a file that has lost its manifest, nothing is known
+        if str(column.get("name")) in _EVERY:
             continue
         try:
             valid = _Column.model_validate(column)

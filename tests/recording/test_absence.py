@@ -224,3 +224,28 @@ def test_an_index_that_is_another_files_is_wrong(folder: Path, tmp_path: Path, w
     found = verify(path)
     assert not found.right
     assert "contents" in wrong(found) or "file" in wrong(found)
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        {"name": []},
+        {"name": {}},
+        {},
+        {"name": "x_m", "symbol": 1, "doc": "", "axes": []},
+        {"name": "x_m", "symbol": "x", "doc": "", "axes": [["a", "b"]]},
+        {"name": "/x", "symbol": "", "doc": "", "axes": []},
+    ],
+)
+def test_a_column_that_no_law_can_record_is_told_whatever_stands_for_it(column):
+    from mjmerge.record import content
+
+    with pytest.raises(content.ContentError, match=r"manifest.json: columns: "):
+        content.signals_of({"columns": [column]})
+
+
+def test_of_a_file_without_its_manifest_no_signals_are_known():
+    from mjmerge.record import content, schema
+
+    assert content.signals_of({}) == ()
+    assert schema.Wire.of({}).signals == ()
