@@ -10,7 +10,7 @@ import numpy as np
 from mjmerge.plant.bicycle import Bicycle, upright
 from mjmerge.plant.kinematic import Arrivals
 from mjmerge.scenario.cars import car_sheets
-from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.mismatch import Mismatch, column
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls
 from mjmerge.vehicle.actuation import CRAWL_MPS, UNMOVED_MPS2, BelievedCars, resistance_n
@@ -20,18 +20,27 @@ from mjmerge.world.model import World
 class LimitedBicycle(Bicycle):
     """A bicycle whose acceleration is (sum tau / r_w - resistance) / m_eff, by its car's data sheet.
 
-    The steering reaches the commanded angle at the end of the control step, at a steady rate.
+    The steering reaches the commanded angle at the end of the control step, at a steady rate; what it is
+    askew by, in the first.
     """
 
     limited = True
 
     def __init__(
-        self, state: Array, wheelbase_m: Array, arrivals: Arrivals, world: World | None, cars: BelievedCars
+        self,
+        state: Array,
+        wheelbase_m: Array,
+        arrivals: Arrivals,
+        world: World | None,
+        cars: BelievedCars,
+        steer_offset_rad: Array,
     ) -> None:
-        """Args as of :class:`Bicycle`, and what the cars are in truth."""
+        """Args as of :class:`Bicycle`; what the cars are in truth; where the ego's steering goes, (N,)."""
         super().__init__(state, wheelbase_m, arrivals, world)
         self._cars = cars
         self._steer_command = np.zeros(state.shape[:2])
+        self._askew = np.zeros(state.shape[:2])
+        self._askew[:, 0] = steer_offset_rad
 
     def observe(self) -> Cars:
         """See :meth:`Plant.observe`."""
@@ -39,6 +48,7 @@ class LimitedBicycle(Bicycle):
 
     def _arriving(self, controls: Controls) -> Iterator[tuple[Array, tuple[Array, Array]]]:
         turned, self._steer_command = controls.steer_rad - self._steer_command, controls.steer_rad
+        askew, self._askew = self._askew, np.zeros_like(self._askew)
         for duration_s, told in self._arrivals(np.stack([controls.torque_n_m.sum(axis=-1), turned], axis=-1)):
             cars, v = self._cars, self._x[..., 3]
             torque = told[..., 0]
@@ -47,7 +57,7 @@ class LimitedBicycle(Bicycle):
             unmoved = UNMOVED_MPS2 * cars.effective_mass_kg * cars.wheel_radius_m
             stops |= (np.abs(v) <= CRAWL_MPS) & (np.abs(torque) < unmoved)
             a = np.where(stops, -v / np.where(duration_s > 0, duration_s, np.inf), a)
-            yield duration_s, (a, told[..., 1] / self._arrivals.step_s)
+            yield duration_s, (a, (told[..., 1] + askew) / self._arrivals.step_s)
 
 
 def make(
@@ -57,4 +67,5 @@ def make(
     del threads
     state, wheelbase = upright(scenario, len(mismatch))
     cars = BelievedCars.of(car_sheets(scenario), limited=True)
-    return LimitedBicycle(state, wheelbase, Arrivals(mismatch, scenario.control_step_s), world, cars)
+    arrivals, askew = Arrivals(mismatch, scenario.control_step_s), column(mismatch, "steer_offset_rad")
+    return LimitedBicycle(state, wheelbase, arrivals, world, cars, askew)

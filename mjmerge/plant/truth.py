@@ -126,7 +126,7 @@ def _friction(m: Mismatch) -> Array:
 
 
 def _limit(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
-    """Motors, brakes and steering that can do less or more, and a slower servo."""
+    """Motors, brakes and steering that can do less or more, and a servo that is slower or askew."""
     ego, sheet = world.cars[0], world.sheets[0]
     names = {model.actuator(i).name for i in range(model.nu)}
     for drive in DRIVE:
@@ -150,6 +150,9 @@ def _limit(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
             servo.gainprm[0] /= m.steer_lag**2
             servo.biasprm[1] /= m.steer_lag**2
             servo.biasprm[2] = min(passive - (passive - servo.biasprm[2]) / m.steer_lag, 0.0)
+    for steer in STEER if m.steer_offset_rad else ():
+        servo = model.actuator(f"{ego}/{steer}")
+        servo.biasprm[0] += servo.gainprm[0] * m.steer_offset_rad
 
 
 def _delay(world: World, model: mujoco.MjModel, m: Mismatch) -> None:

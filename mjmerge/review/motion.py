@@ -226,7 +226,9 @@ def _servo(found: Recorded, trace: Trace, rows: Ticks) -> tuple[Array, Array]:
     older = np.concatenate([np.zeros(whole + 1), aims[:, 0]])
     part = late - whole
     aims[:, 0] = (1 - part) * older[1 : 1 + len(aims)] + part * older[: len(aims)]
-    pull = (1 - np.exp(-h / lag_s)) * (np.clip(aims, -most, most)[rows] - angle[rows])
+    aims = np.clip(aims, -most, most)
+    aims[:, 0] += mismatch.steer_offset_rad
+    pull = (1 - np.exp(-h / lag_s)) * (aims[rows] - angle[rows])
     off: Array = np.abs(angle[rows + 1] - angle[rows] - pull)
     bound: Array = _STEERS_RAD * h / 0.01 + _STEERS * np.abs(pull)
     return off, bound

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from pydantic import Field
 
-from mjmerge.config.acts import BODIES, EVERY, WHEELS
+from mjmerge.config.acts import BODIES, EVERY, LIMITS, WHEELS
 from mjmerge.config.frozen import Frozen
 from mjmerge.scenario.axis import Axis, axes, three
 from mjmerge.state import Array
@@ -330,6 +330,21 @@ class Mismatch(Frozen):
         ),
     ] = 1.0
     """Time constant of the steering servo over that of the model, 1."""
+    steer_offset_rad: Annotated[
+        float,
+        Field(ge=-0.2, le=0.2),
+        _ego(
+            on=LIMITS,
+            changes="front wheels stand to the left of where they are told; their angle is measured as it is",
+            rc=three(0.01, 0.03, 0.1),
+            full=three(0.002, 0.005, 0.02),
+            source=(
+                "estimate: a trimmed hobby servo is off by 0.5-2 deg, a knocked one by 6; a steering wheel "
+                "that stands 2-5 deg askew at a ratio of 16, a bent tie rod 1 deg"
+            ),
+        ),
+    ] = 0.0
+    """How far to the left of where they are told the ego's front wheels stand, rad; measured as they are."""
     drive_lag_s: Annotated[
         Delay,
         _ego(

@@ -26,7 +26,7 @@ from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.mismatch import column
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Mask, dot, norm
-from mjmerge.verdict.loops import longest_delay_s
+from mjmerge.verdict.loops import foreseen_window_s, longest_delay_s
 from mjmerge.verdict.metrics import saturated
 
 OBEYS_WINDOW_S, OBEYS_MPS = 0.1, 0.1
@@ -266,14 +266,18 @@ def _prompt(trace: Trace) -> Mask:
     law, wheelbase_m = _paper(trace), car_sheets(trace.scenario)[0].wheelbase_m
     way = trace.scenario.actuation
     turns = trace.plant in WHEELS and way.inverse == "measured"
-    if way.inverse == "predicted" and trace.plant in WHEELS:
-        late_s = np.abs(late_s - way.dead_time_s)  # what it does not reckon with
-    for run in np.flatnonzero(late_s > 0).tolist():
+    reckons_s = way.dead_time_s if way.inverse == "predicted" and trace.plant in WHEELS else 0.0
+    for run in np.flatnonzero(late_s != reckons_s).tolist():
         d = trace.distance_m[run]
         near = d > 0
         gain = law.k_v + law.k_o / np.where(near, effective_distance(law, d), np.inf)
-        turn = np.maximum(trace.speed_mps[run, :, :1], 0) / wheelbase_m if turns else None
-        late[run] = np.any(near & (longest_delay_s(gain, law.k_p, turn) <= late_s[run]), axis=1)
+        if reckons_s:
+            least_s, most_s = foreseen_window_s(gain, law.k_p, reckons_s)
+        else:
+            turn = np.maximum(trace.speed_mps[run, :, :1], 0) / wheelbase_m if turns else None
+            least_s, most_s = np.zeros(1), longest_delay_s(gain, law.k_p, turn)
+        stands = (least_s <= late_s[run]) & (late_s[run] < most_s)
+        late[run] = np.any(near & ~stands, axis=1)
     return late
 
 

@@ -12,6 +12,13 @@ A bicycle under the printed inverse, which divides by the *measured* steering an
 Under the inverse by the commanded angle a cancels, and the first holds. Both are stable at tau = 0. They
 lose that at the least tau for which a root s = i w lies on the axis: the modulus gives w, the phase gives
 tau. (The bare barrier, K = k_o/d and k_p = 0, stands tau = pi d/(2 k_o).)
+
+Under the foreseen state, which reckons with a dead time T (:mod:`mjmerge.vehicle.foresight`), it is
+
+    s^2 + K s + k_p + (e^(-tau s) - e^(-T s)) ((K + k_p T) s + k_p) = 0,
+
+stable at tau = T, whatever T is, and lost on both sides of it: too short a dead time is as wrong as too long
+a one.
 """
 
 from __future__ import annotations
@@ -20,6 +27,7 @@ import numpy as np
 
 from mjmerge.state import Array
 
+_GAINS, _FREQUENCIES = 200, 4000
 _NEWTON = 60  # from above, where the cubic is convex, it converges quadratically; this is for the far start
 
 
@@ -42,6 +50,48 @@ def longest_delay_s(velocity_gain: Array, position_gain: float, turn_per_s: Arra
             phase = np.arctan2((k_p + a * K) * w, a * k_p - (a + K) * w * w)  # in (0, pi)
             longest = (phase - np.pi / 2) / w
     return np.where(w > 0, longest, np.inf)  # nothing fed back: nothing to be late
+
+
+def foreseen_window_s(velocity_gain: Array, position_gain: float, foreseen_s: float) -> tuple[Array, Array]:
+    """Between which dead times the loop by the foreseen state is stable, s, (...) each; from 0, or to inf.
+
+    Args:
+        velocity_gain: K = k_v + k_o/d, 1/s, (...); of many, what lies between :data:`_GAINS` of them.
+        position_gain: k_p, 1/s^2.
+        foreseen_s: T, the dead time that is reckoned with, s.
+    """
+    gains, back = np.unique(velocity_gain, return_inverse=True)
+    if len(gains) > _GAINS:
+        gains = np.geomspace(max(gains[0], 1e-6), max(gains[-1], 1e-6), _GAINS)
+        ends = np.array([_window(K, position_gain, foreseen_s) for K in gains.tolist()])
+        shortest, longest = (np.interp(velocity_gain, gains, end) for end in ends.T)
+        return shortest, longest
+    ends = np.array([_window(K, position_gain, foreseen_s) for K in gains.tolist()])
+    shortest, longest = (end[back].reshape(velocity_gain.shape) for end in ends.T)
+    return shortest, longest
+
+
+def _window(K: float, k_p: float, foreseen_s: float) -> tuple[float, float]:  # noqa: N803
+    """The same of one gain: the nearest tau on either side for which |e^(-tau s)| = 1 at an s = i w."""
+    T = foreseen_s  # noqa: N806
+    most = 3 * (K + k_p * T) + 3 * np.sqrt(k_p)  # beyond, s^2 outweighs all else
+    if most == 0:
+        return 0.0, np.inf  # nothing is fed back
+
+    def delayed(w: Array) -> Array:  # what e^(-tau s) has to be
+        s = 1j * w
+        found: Array = np.exp(-T * s) - (s * s + K * s + k_p) / ((K + k_p * T) * s + k_p)
+        return found
+
+    w = np.linspace(0.0, most, _FREQUENCIES)[1:]
+    off = np.abs(delayed(w)) - 1
+    at = np.flatnonzero(off[1:] * off[:-1] <= 0)
+    w = w[at] + off[at] / (off[at] - off[at + 1]) * (w[1] - w[0])
+    turn = 2 * np.pi / w
+    first = -np.angle(delayed(w)) / w % turn
+    before = first + np.floor((T - first) / turn) * turn
+    shortest, longest = np.append(before[before >= 0], 0.0).max(), np.append(before + turn, np.inf).min()
+    return float(shortest), float(longest)
 
 
 def _largest_root(a: Array, K: Array, k_p: float) -> Array:  # noqa: N803

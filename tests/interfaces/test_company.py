@@ -54,6 +54,7 @@ SPREAD = {
     "steer_limit_rad": (0.05, 0.4),
     "steer_rate_limit": (0.3, 2.0),
     "steer_lag": (0.5, 8.0),
+    "steer_offset_rad": (-0.1, 0.1),
     "drive_lag_s": (0.0, 0.2),
     "position_noise_m": (0.0, 0.01),
     "velocity_noise_mps": (0.0, 0.02),

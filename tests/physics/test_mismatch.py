@@ -293,6 +293,19 @@ def test_the_steering_stops_at_its_limit_and_turns_no_faster_than_its_rate(world
     assert right.steer_rad[0, -1] == pytest.approx(-limit, abs=2e-3)
 
 
+def test_steering_that_is_askew_turns_by_so_much_more_than_it_is_told(world):
+    """Told to be askew the other way it goes straight; a slow servo gets there as well; its angle is told."""
+    askew = 0.03
+    mismatch = [Mismatch(steer_offset_rad=askew, steer_lag=k) for k in (1.0, 4.0)]
+    mismatch += [NOTHING, Mismatch(steer_offset_rad=-askew)]
+    r = ride(world, mismatch, steers(0.0), 1.5, 2.0)
+    assert r.steer_rad[:, -1] == pytest.approx([askew, askew, 0.0, -askew], abs=2e-4)
+    told = ride(world, [NOTHING], steers(askew), 1.5, 2.0)
+    assert r.yaw_rate_radps[[0, 1], -1] == pytest.approx(told.yaw_rate_radps[0, -1], rel=0.02)
+    straight = ride(world, mismatch[:1], steers(-askew), 1.5, 2.0)
+    assert abs(straight.yaw_rate_radps[0, -1]) < 2e-3
+
+
 def crossing_s(r, run, part):
     """When the steering first has done a part of its way, between ticks."""
     done = r.steer_rad[run] / r.steer_rad[run, -1]
@@ -347,6 +360,7 @@ def test_the_neighbours_have_nothing_of_the_egos(world):
     mismatch = Mismatch(
         load_kg=1.0, wheel_radius=0.95, torque_limit=0.5, brake_limit=0.5, steer_limit_rad=0.1, steer_lag=3.0,
         command_delay_s=0.05, suspension_stiffness=0.5, com_raised_m=0.02, yaw_inertia=1.2,
+        steer_offset_rad=0.02,
     )  # fmt: skip
     world = build(load("paper"), [mismatch])
     model, plain = altered(world, mismatch), world.model

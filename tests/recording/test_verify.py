@@ -40,7 +40,11 @@ RUNS: dict[str, dict[str, Any]] = {
         "plant": "mujoco",
         "set": ["mismatch.neighbour_position_noise_m=0.01", "mismatch.sensing_delay_s=0.02"],
     },
-    "on ice": {"scenario": "charge", "plant": "mujoco", "set": ["mismatch.friction=0.1"]},
+    "on ice": {
+        "scenario": "charge",
+        "plant": "mujoco",
+        "set": ["mismatch.friction=0.1", "mismatch.steer_offset_rad=-0.05"],
+    },
     "touched in continuous time": {
         "scenario": "paper",
         "plant": "double_integrator",

@@ -16,7 +16,7 @@ from mjmerge.state import Cars, Controls
 from mjmerge.vehicle.foresight import Foresight
 from mjmerge.verdict.hypotheses import broken
 from mjmerge.verdict.judge import judge
-from mjmerge.verdict.loops import longest_delay_s
+from mjmerge.verdict.loops import foreseen_window_s, longest_delay_s
 
 COMMANDED, PREDICTED = "actuation.inverse=commanded", "actuation.inverse=predicted"
 
@@ -66,12 +66,29 @@ def test_what_is_left_is_the_delayed_double_integrator_whatever_the_speed(name):
     start = [f"initial.ego.front_m=[{x_1 + law.r_rho_m}, {law.r_eta_m + 0.01}]", "initial.z=0", "law.k_o=0"]
     cases = [(0, Mismatch(command_delay_s=part * limit_s)) for part in (0.95, 1.0, 1.05)]
     trace = simulate(load(name, [COMMANDED, "duration_s=50", *gains, *start]), "bicycle", cases=cases)
-    steer = trace.steer_rad[:, :, 0]
-    early, end = (np.ptp(steer[:, int(at * steer.shape[1]) :][:, :600], axis=1) for at in (0.4, 0.85))
-    dies_down, stays, swings_up = end / early
+    dies_down, stays, swings_up = _swings(trace)
     assert dies_down < 0.6
     assert stays == pytest.approx(1.0, abs=0.3)
     assert swings_up > 1.6
+
+
+def test_a_limited_bicycle_whose_steering_is_askew_is_turned_by_so_much_more_than_it_is_told():
+    """From the first tick on, however late commands are; and on no plant that is told no angle."""
+    cases = [(0, Mismatch(steer_offset_rad=0.03, command_delay_s=delay_s)) for delay_s in (0.0, 0.05, 0.013)]
+    trace = simulate(load("charge", ["duration_s=1"]), "bicycle_limited", cases=cases)
+    for run, late_ticks in ((0, 0), (1, 5)):
+        told = trace.steer_command_rad[run, : -1 - late_ticks, 0]
+        assert trace.steer_rad[run, 1 + late_ticks :, 0] == pytest.approx(told + 0.03, abs=1e-12)
+    assert trace.steer_rad[2, 1, 0] == pytest.approx(0.03)
+    with pytest.raises(ScenarioError, match="steer_offset_rad: acts on bicycle_limited and mujoco only"):
+        simulate(load("charge", ["mismatch.steer_offset_rad=0.03"]), "bicycle")
+
+
+def _swings(trace):
+    """How wide the steering swings towards the end, over how wide it swung before."""
+    steer = trace.steer_rad[:, :, 0]
+    early, end = (np.ptp(steer[:, int(at * steer.shape[1]) :][:, :600], axis=1) for at in (0.4, 0.85))
+    return end / early
 
 
 def straight(x_m, speed_mps):
@@ -122,6 +139,26 @@ def test_a_dead_time_that_is_known_is_made_up_for_where_the_commanded_angle_alon
     ends = [float(np.abs(t.steer_rad[0, -300:, 0]).max()) for t in (known, unknown)]
     assert ends[0] < 1e-4
     assert ends[1] > 0.1
+
+
+def test_with_another_dead_time_than_the_one_reckoned_with_it_weaves_where_its_equation_says(long):
+    """Too long a one and, where there is room, too short a one; as the test above, within 5 %."""
+    calm = load("paper")
+    law, x_1, held_s = calm.law, calm.initial.vehicle_1.front_m[0], calm.control_step_s / 2
+    start = [f"initial.ego.front_m=[{x_1 + law.r_rho_m}, {law.r_eta_m + 0.01}]", "initial.z=0", "law.k_o=0"]
+    for foreseen_s in (0.15, 0.3, 1.2) if long else (1.2,):
+        short_s, long_s = foreseen_window_s(np.array(law.k_v), law.k_p, foreseen_s)
+        ends = [float(long_s) - held_s, *([float(short_s) + held_s] if short_s > 0 else [])]
+        off = [(end_s, part) for end_s in ends for part in (0.95, 1.0, 1.05)]
+        cases = [
+            (0, Mismatch(command_delay_s=foreseen_s + part * (end_s - foreseen_s))) for end_s, part in off
+        ]
+        keys = [PREDICTED, f"actuation.dead_time_s={foreseen_s}", "duration_s=50", *start]
+        for three in _swings(simulate(load("paper", keys), "bicycle", cases=cases)).reshape(-1, 3):
+            dies_down, stays, swings_up = three
+            assert dies_down < 0.8
+            assert stays == pytest.approx(1.0, abs=0.3)
+            assert swings_up > 1.25
 
 
 @pytest.mark.parametrize("delay_s", [0.1, 0.183])

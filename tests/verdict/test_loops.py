@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge.verdict.loops import longest_delay_s
+from mjmerge.verdict.loops import foreseen_window_s, longest_delay_s
 
 K_V, K_O, K_P = 2.0, 1.0, 0.7
 
@@ -45,6 +45,28 @@ def test_what_feeds_nothing_back_stands_any_delay():
 def test_a_car_at_rest_is_a_double_integrator_and_a_rolling_one_stands_less(d, turn):
     assert at(d, turn=0.0) == pytest.approx(at(d), rel=1e-9)
     assert 0 < at(d, turn=turn) < at(d)
+
+
+@given(st.floats(0.3, 30), st.floats(0.0, 3), st.floats(0.0, 3))
+def test_at_the_ends_of_its_window_the_loop_by_the_foreseen_state_has_a_root_on_the_axis(K, k_p, T):
+    shortest, longest = (float(end[0]) for end in foreseen_window_s(np.array([K]), k_p, T))
+    assert shortest <= T < longest
+    if T == 0:
+        assert longest == pytest.approx(float(longest_delay_s(np.array([K]), k_p)[0]), rel=1e-4)
+    w = np.linspace(0, 3 * (K + k_p * T) + 3 * k_p**0.5, 100_001)[1:]
+    s = 1j * w
+    for end in {shortest, longest} - {0.0, np.inf}:
+        late = np.exp(-end * s) - np.exp(-T * s)
+        left = s * s + K * s + k_p + late * ((K + k_p * T) * s + k_p)
+        assert (np.abs(left) / (w * w + K * w + k_p)).min() < 2e-3
+
+
+def test_the_windows_of_many_gains_are_those_of_each():
+    many = np.linspace(2.0, 12.0, 600).reshape(30, 20)
+    one = foreseen_window_s(many[3:4, 5], 0.7, 0.3)
+    for all_of_them, alone in zip(foreseen_window_s(many, 0.7, 0.3), one, strict=True):
+        assert all_of_them[3, 5] == pytest.approx(alone[0], abs=1e-4)
+    assert foreseen_window_s(np.zeros(1), 0.0, 0.3)[1][0] == np.inf  # nothing is fed back
 
 
 def grows(delay_s, K, a, step_s=5e-4, duration_s=40.0):
