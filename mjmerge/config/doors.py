@@ -13,7 +13,7 @@ import importlib.util
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from hashlib import sha256
@@ -24,7 +24,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from pydantic import GetJsonSchemaHandler
+from pydantic import BaseModel, GetJsonSchemaHandler, SerializationInfo, ValidatorFunctionWrapHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
@@ -131,6 +131,38 @@ def let_in_before(name: str) -> Any:
     if module is None:
         raise DoorError(f"{name} has not been let in: load the scenario that names it")
     return _named(what, place, module)
+
+
+def admitted(
+    value: Any,
+    shipped: ValidatorFunctionWrapHandler,
+    base: type[BaseModel],
+    checked: Callable[[str, Any], type[BaseModel]],
+) -> Any:
+    """Validates what is told apart by its ``kind``: one from outside by its own class, others as shipped.
+
+    Nothing is run here: what has not been let in by whoever loads a scenario stays outside.
+
+    Args:
+        value: what a file or somebody has.
+        shipped: validates it if it is shipped.
+        base: the class of all of them.
+        checked: makes a class of what was found under a located name, or raises a :class:`DoorError`.
+    """
+    if isinstance(value, base):
+        return value
+    kind = value.get("kind") if isinstance(value, Mapping) else None
+    if not from_outside(kind):
+        return shipped(value)
+    try:
+        return checked(str(kind), let_in_before(str(kind))).model_validate(value)
+    except DoorError as error:
+        raise ValueError(str(error)) from error
+
+
+def as_mapping(value: Any, info: SerializationInfo) -> Any:
+    """The keys of what has a ``kind``, whatever its class; what is none stays as it is, to be told."""
+    return value.model_dump(mode=info.mode, warnings=False) if isinstance(value, BaseModel) else value
 
 
 def _named(what: str, place: str, module: ModuleType) -> Any:

@@ -14,9 +14,9 @@ from typing import Annotated, Any, Union
 
 from pydantic import Field, PlainSerializer, WrapValidator
 
-from mjmerge.config.doors import OrOutside
+from mjmerge.config.doors import OrOutside, as_mapping
 from mjmerge.drivers.base import Along, Driver
-from mjmerge.drivers.outside import Absent, as_mapping, ask, let_in
+from mjmerge.drivers.outside import Absent, ask, let_in
 from mjmerge.drivers.traffic import Traffic, ahead
 
 __all__ = ["Absent", "Along", "Driver", "Traffic", "ahead", "ask", "kinds", "union"]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from inspect import isabstract
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import ConfigDict, SerializationInfo, ValidatorFunctionWrapHandler
+from pydantic import ConfigDict, ValidatorFunctionWrapHandler
 
 from mjmerge.config.document import described
-from mjmerge.config.doors import DoorError, from_outside, let_in_before, resolve, told
+from mjmerge.config.doors import DoorError, admitted, from_outside, resolve, told
 from mjmerge.drivers.base import Along, Driver
 from mjmerge.state import Array
 
@@ -46,24 +45,8 @@ def _checked(kind: str, found: Any) -> type[Driver]:
 
 
 def let_in(value: Any, shipped: ValidatorFunctionWrapHandler) -> Any:
-    """Validates a driver: one from outside by its own class, all others by that of their kind.
-
-    Nothing is run here: what has not been let in by whoever loads a scenario stays outside.
-    """
-    if isinstance(value, Driver):
-        return value
-    kind = value.get("kind") if isinstance(value, Mapping) else None
-    if not from_outside(kind):
-        return shipped(value)
-    try:
-        return _checked(str(kind), let_in_before(str(kind))).model_validate(value)
-    except DoorError as error:
-        raise ValueError(str(error)) from error
-
-
-def as_mapping(driver: Any, info: SerializationInfo) -> Any:
-    """A driver's keys, whatever its class; what is none stays as it is, to be told."""
-    return driver.model_dump(mode=info.mode, warnings=False) if isinstance(driver, Driver) else driver
+    """Validates a driver; see :func:`mjmerge.config.doors.admitted`."""
+    return admitted(value, shipped, Driver, _checked)
 
 
 def ask(driver: Driver, what: str, *arguments: Any) -> Any:

@@ -15,14 +15,14 @@ from typing import Annotated, Any, TypeGuard, Union
 
 from pydantic import Field, PlainSerializer, WrapValidator
 
-from mjmerge.config.doors import OrOutside, from_outside
+from mjmerge.config.doors import OrOutside, as_mapping, from_outside
 from mjmerge.errors import MjmergeError
 from mjmerge.law.asked import decided, remembered
 from mjmerge.law.base import Decision, Flow, Law, Memory, Signal, lacking
 from mjmerge.law.function import Seen, each_run
 from mjmerge.law.opinion_dynamics.law import OpinionDynamics
 from mjmerge.law.opinion_dynamics.variants import VARIANTS
-from mjmerge.law.outside import AbsentLaw, as_mapping, let_in
+from mjmerge.law.outside import AbsentLaw, let_in
 from mjmerge.law.sensed import Geometry, Sensed, geometry
 
 __all__ = [

@@ -9,9 +9,9 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import ConfigDict, PrivateAttr, SerializationInfo, ValidatorFunctionWrapHandler
+from pydantic import ConfigDict, PrivateAttr, ValidatorFunctionWrapHandler
 
-from mjmerge.config.doors import DoorError, from_outside, let_in_before, resolve
+from mjmerge.config.doors import DoorError, admitted, resolve
 from mjmerge.law.base import Decision, Law, Memory, Signal
 from mjmerge.law.function import law_of
 from mjmerge.law.sensed import Sensed
@@ -81,23 +81,7 @@ class AbsentLaw(Law):
 
 
 def let_in(value: Any, shipped: ValidatorFunctionWrapHandler) -> Any:
-    """Validates a law: one from outside by its own class, all others by that of their kind.
-
-    Nothing is run here: what has not been let in by whoever loads a scenario stays outside.
-    """
-    if isinstance(value, Law):
-        return value
+    """Validates a law; see :func:`mjmerge.config.doors.admitted`."""
     if isinstance(value, Mapping) and "kind" not in value:
         value = {"kind": DEFAULT, **value}
-    kind = value.get("kind") if isinstance(value, Mapping) else None
-    if not from_outside(kind):
-        return shipped(value)
-    try:
-        return _checked(str(kind), let_in_before(str(kind))).model_validate(value)
-    except DoorError as error:
-        raise ValueError(str(error)) from error
-
-
-def as_mapping(law: Any, info: SerializationInfo) -> Any:
-    """A law's keys, whatever its class; what is none stays as it is, to be told."""
-    return law.model_dump(mode=info.mode, warnings=False) if isinstance(law, Law) else law
+    return admitted(value, shipped, Law, _checked)
