@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.state import Array
 
 
@@ -19,7 +19,7 @@ class Digest:
         self._texts = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
         self._hashes = {name: hashlib.sha256() for name in ("time_s", *columns)}
 
-    def add(self, block: Block) -> None:
+    def add(self, block: TickBlock) -> None:
         """Adds consecutive ticks."""
         self._add({"time_s": block.time_s, **block.columns})
 

@@ -18,7 +18,7 @@ from mjmerge.record.digest import Digest
 from mjmerge.record.manifest import canonical, manifest
 from mjmerge.record.scene import Scene
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.sensing import exact
 from mjmerge.simulation.trace import COLUMNS, Column, signals_of
 from mjmerge.state import Array, nanoseconds
@@ -123,14 +123,14 @@ class PosedBlock:
         quat: their orientations, w x y z, (D, F, 4).
     """
 
-    block: Block
+    block: TickBlock
     time_ns: NDArray[np.int64]
     drawn: NDArray[np.intp]
     pos_m: Array
     quat: Array
 
 
-def pose(block: Block, scene: Scene, control_step_s: float) -> PosedBlock:
+def pose(block: TickBlock, scene: Scene, control_step_s: float) -> PosedBlock:
     """A block with what is drawn of it."""
     drawn = scene.drawn(block, control_step_s)
     time_ns = nanoseconds(block.ticks * control_step_s)
@@ -140,7 +140,7 @@ def pose(block: Block, scene: Scene, control_step_s: float) -> PosedBlock:
 def join(parts: Sequence[PosedBlock]) -> PosedBlock:
     """Consecutive blocks as one; without ``qpos``, which nobody needs any more."""
     starts = np.cumsum([0, *(len(p.time_ns) for p in parts[:-1])])
-    block = Block(
+    block = TickBlock(
         ticks=np.concatenate([p.block.ticks for p in parts]),
         time_s=np.concatenate([p.block.time_s for p in parts]),
         columns={
@@ -166,7 +166,7 @@ class Keep:
         self._step_s = header.control_step_s
         self._parts: list[PosedBlock] = []
 
-    def write(self, block: Block) -> None:
+    def write(self, block: TickBlock) -> None:
         """Takes the next ticks."""
         self._parts.append(pose(block, self._scene, self._step_s))
 
@@ -227,7 +227,7 @@ class Recording:
             self._attempt(name, self._open, name, factory)
         return self
 
-    def write(self, block: Block) -> None:
+    def write(self, block: TickBlock) -> None:
         """Hands a block to every recorder that is still well."""
         if not self._live:
             return

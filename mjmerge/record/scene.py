@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.roster import EGO, slot
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.state import Array
 
 Kind = Literal["box", "ellipsoid", "cylinder", "capsule", "mesh"]
@@ -150,12 +150,12 @@ class Scene:
         other.fixed, other.frames = fixed, tuple(frames)
         return other
 
-    def drawn(self, block: Block, control_step_s: float) -> NDArray[np.intp]:
+    def drawn(self, block: TickBlock, control_step_s: float) -> NDArray[np.intp]:
         """Which ticks of a block are drawn, (D,)."""
         every = max(1, round(DRAWN_EVERY_S / control_step_s))
         return np.flatnonzero(block.ticks % every == 0)
 
-    def poses(self, block: Block, ticks: NDArray[np.intp]) -> tuple[Array, Array]:
+    def poses(self, block: TickBlock, ticks: NDArray[np.intp]) -> tuple[Array, Array]:
         """Where the frames are at some ticks of a block.
 
         Args:

@@ -35,7 +35,7 @@ from mjmerge.roster import (
     roster,
     slot,
 )
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.trace import COLUMNS, Column
 from mjmerge.state import Array
 
@@ -138,7 +138,7 @@ class Wire:
                 out.double(number)
         return out
 
-    def rows(self, block: Block, topic: str) -> Array:
+    def rows(self, block: TickBlock, topic: str) -> Array:
         """What goes into each message of a topic of a block, in the order of its layout, (B, doubles)."""
         count, cars = len(block.ticks), self.roster.cars
         car = next((index for index, name in enumerate(cars) if topic == car_topic(name)), None)

@@ -18,7 +18,7 @@ from mjmerge.review.check import Check, checked
 from mjmerge.review.poses import Tracks, header, poses, standing_poses, tracks
 from mjmerge.review.shown import shown
 from mjmerge.roster import Roster
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import NS_PER_S, Array, norm
 from mjmerge.vehicle.actuation import bicycle_angle
@@ -67,7 +67,7 @@ def drawn(found: Recorded, trace: Trace) -> Iterator[Check]:
     except (UnreadableError, KeyError) as error:
         yield Check("world", False, str(error).replace(f"cannot read {found.path}: ", ""))
         return
-    block = Block(found.ticks, found.columns["time_s"], found.columns, np.empty((len(found.ticks), 0)))
+    block = TickBlock(found.ticks, found.columns["time_s"], found.columns, np.empty((len(found.ticks), 0)))
     rows = scene.drawn(block, found.step_s)
     there = _Drawn(found, trace, about, scene, _compared(found, scene, rows), rows)
     try:

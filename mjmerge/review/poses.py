@@ -28,7 +28,7 @@ from mjmerge.record.scene import Frame, Scene, aim_m, cars_in
 from mjmerge.review.claims import what_follows
 from mjmerge.review.derived import cars_of
 from mjmerge.roster import EGO, slot
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array, Cars
 from mjmerge.vehicle.actuation import ackermann
@@ -81,7 +81,7 @@ def posed(found: Recorded, about: Header, scene: Scene) -> PosedBlock:
     """
     if not found.columns or not len(found.ticks):
         raise UnreadableError(found.path, "there is not a whole tick in it")
-    block = Block(
+    block = TickBlock(
         ticks=found.ticks,
         time_s=found.columns["time_s"],
         columns={name: values for name, values in found.columns.items() if name != "time_s"},
@@ -192,7 +192,7 @@ def standing_poses(found: Recorded, about: Header, rows: NDArray[np.intp]) -> di
     part = Cars(**{name: values[rows] for name, values in vars(cars).items()})
     sheets = tuple(sheet.sized(1 / about.scenario.models.size) for sheet in about.sheets)
     world = World(about.model, found.world_xml, found.roster.cars, sheets, about.scenario.mismatch.tyres)
-    block = Block(
+    block = TickBlock(
         found.ticks[rows],
         found.columns["time_s"][rows],
         {name: found.columns[name][rows] for name in ("front_m", "target_m")},

@@ -24,7 +24,7 @@ GLIMPSE_S = 0.1
 
 
 @dataclass(frozen=True)
-class Block:
+class TickBlock:
     """Some consecutive ticks of one simulation, as recorders get them.
 
     Attributes:
@@ -43,7 +43,7 @@ class Block:
 class Sink(Protocol):
     """Where the blocks of a running simulation go."""
 
-    def write(self, block: Block) -> None:
+    def write(self, block: TickBlock) -> None:
         """Takes the next ticks of simulation 0."""
 
 
@@ -67,7 +67,7 @@ class _Feed:
         qpos = np.stack(self._qpos)
         self._qpos.clear()
         self._sink.write(
-            Block(
+            TickBlock(
                 ticks=np.arange(part.start, part.stop),
                 time_s=time_s[part],
                 columns={name: values[0, part] for name, values in columns.items()},

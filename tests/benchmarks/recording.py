@@ -28,7 +28,7 @@ import mjmerge
 from mjmerge.record import FORMATS, Header, Outcome, Recording, versions
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.load import dump
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.verdict.judge import judge
 from mjmerge.world.compose import build
 
@@ -60,7 +60,7 @@ class Timed:
     sink: Recording
     clocks: Clocks
 
-    def write(self, block: Block) -> None:
+    def write(self, block: TickBlock) -> None:
         with self.clocks.running():
             self.sink.write(block)
 

@@ -12,7 +12,7 @@ from mjmerge.record import Header, versions
 from mjmerge.roster import roster
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.trace import COLUMNS, the_truth
 
 CARS = roster().cars
@@ -61,7 +61,7 @@ SCENARIO = Scenario.model_validate(
     }
 ).named("tiny")
 
-MakeBlocks = Callable[..., list[Block]]
+MakeBlocks = Callable[..., list[TickBlock]]
 
 
 @pytest.fixture(scope="session")
@@ -84,7 +84,7 @@ def header() -> Header:
 def make_blocks(header: Header) -> MakeBlocks:
     """Blocks of the given sizes, full of numbers nobody expects; some are NaN, infinite, tiny or -0."""
 
-    def make(*sizes: int, seed: int = 0) -> list[Block]:
+    def make(*sizes: int, seed: int = 0) -> list[TickBlock]:
         rng = np.random.default_rng(seed)
         count, odd = sum(sizes), [np.nan, np.inf, -0.0, 5e-324, 1e300]
         columns = {}
@@ -100,7 +100,7 @@ def make_blocks(header: Header) -> MakeBlocks:
         ends = np.cumsum(sizes)
         parts = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         return [
-            Block(np.arange(p.start, p.stop), time_s[p], {k: v[p] for k, v in columns.items()}, qpos[p])
+            TickBlock(np.arange(p.start, p.stop), time_s[p], {k: v[p] for k, v in columns.items()}, qpos[p])
             for p in parts
         ]
 

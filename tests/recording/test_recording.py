@@ -39,7 +39,7 @@ from mjmerge.review.view import write_view
 from mjmerge.roster import roster
 from mjmerge.run import run as run_scenario
 from mjmerge.scenario.load import load
-from mjmerge.simulation.log import Block
+from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import Array
 
@@ -56,7 +56,7 @@ OUTCOME = Outcome(
 
 
 def record(
-    folder: Path, header: Header, blocks: list[Block], factories: dict[str, object] | None = None
+    folder: Path, header: Header, blocks: list[TickBlock], factories: dict[str, object] | None = None
 ) -> Recording:
     with Recording(folder, header, factories or FORMATS) as recording:
         for block in blocks:
@@ -65,12 +65,12 @@ def record(
     return recording
 
 
-def columns(blocks: list[Block]) -> dict[str, Array]:
+def columns(blocks: list[TickBlock]) -> dict[str, Array]:
     whole = {c.name: np.concatenate([b.columns[c.name] for b in blocks]) for c in COLUMNS}
     return whole | {"time_s": np.concatenate([b.time_s for b in blocks])}
 
 
-def assert_same(read: dict[str, Array], blocks: list[Block]) -> None:
+def assert_same(read: dict[str, Array], blocks: list[TickBlock]) -> None:
     expected = columns(blocks)
     assert read.keys() == expected.keys()
     for name, values in expected.items():

@@ -22,7 +22,7 @@ from mjmerge.record.recording import Header, Outcome, pose
 from mjmerge.record.rerun import viewer
 from mjmerge.record.rerun.viewer import HOST
 from mjmerge.record.scene import Scene
-from mjmerge.simulation.log import GLIMPSE_S, Block
+from mjmerge.simulation.log import GLIMPSE_S, TickBlock
 
 APPLICATION = "mjmerge_live"
 _BACKLOG_S = 30.0
@@ -65,7 +65,7 @@ class Live:
     def __enter__(self) -> Live:
         return self
 
-    def write(self, block: Block) -> None:
+    def write(self, block: TickBlock) -> None:
         """Shows the next ticks, or drops them; waits for nobody but the clock."""
         try:
             self._queue.put_nowait(block)
@@ -97,7 +97,7 @@ class Live:
                 left = self._queue.get_nowait()
             except queue.Empty:
                 return
-            self.dropped_s += len(left.ticks) * self._step_s if isinstance(left, Block) else 0.0
+            self.dropped_s += len(left.ticks) * self._step_s if isinstance(left, TickBlock) else 0.0
 
     def _send(self) -> None:
         """Passes on what comes, until nobody takes it any more."""
