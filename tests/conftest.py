@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # which is measured by now; what it starts is not
+    os.environ.pop("COVERAGE_PROCESS_START", None)
 os.environ.setdefault("MUJOCO_GL", "disable")  # before anything imports mujoco
 in_main = threading.current_thread() is threading.main_thread()
 if in_main and signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # started in the background:

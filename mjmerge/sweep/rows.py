@@ -11,7 +11,7 @@ from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict import own
 from mjmerge.verdict.decision import decision
-from mjmerge.verdict.hypotheses import own as hypotheses
+from mjmerge.verdict.hypotheses import its_own
 from mjmerge.verdict.judge import VACUOUS, Verdict
 from mjmerge.verdict.metrics import (
     clear_ticks_without_margin,
@@ -55,7 +55,8 @@ NUMBERS = (
 """Columns that are numbers, or null where there is none; contacts are those of the ego.
 
 For so long bodies touched though d_j > 0, or stayed clear though d_j <= 0, all neighbours together. For
-``own_broken_s`` some hypothesis that the law brings was broken, such as that its programme can be met.
+``own_broken_s`` some hypothesis that is asked of this law alone was broken, such as that its programme can be
+met, or that its loop stands the dead time.
 """
 TEXTS = ("outcome", "verdict", "first_broken", "stopped")
 """Columns that are text; ``first_broken`` is the hypothesis that the verdict names: of an unsafe run, the
@@ -143,8 +144,8 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
 
 
 def _own_broken_s(trace: Trace) -> Array:
-    """For how long some hypothesis of the law's own was broken, s, (N,); NaN where it brings none."""
-    marks = [one.marks(trace) for one in hypotheses(trace.scenario.law).values()]
+    """For how long some hypothesis of the law's own was broken, s, (N,); NaN where it has none."""
+    marks = [one.marks(trace) for one in its_own(trace).values()]
     if not marks:
         return np.full(trace.runs, np.nan)
     broken: Array = np.any(marks, axis=0).sum(axis=1) * trace.scenario.control_step_s

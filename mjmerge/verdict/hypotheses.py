@@ -84,6 +84,12 @@ def own(law: Law) -> dict[str, Hypothesis]:
     return {name: one for s in law.signals if s.asks for name, one in ((called(s.name), _own(s)),)}
 
 
+def its_own(trace: Trace) -> dict[str, Hypothesis]:
+    """Those that a trace is held against because of its law, by name: no other law is asked them."""
+    of = {name: one for name, one in HYPOTHESES.items() if one.laws != (Law,) and one.asked(trace)}
+    return of | own(trace.scenario.law)
+
+
 def called(signal: str) -> str:
     """What a hypothesis is called that a signal of this name is about."""
     return signal.replace("_", " ")

@@ -296,7 +296,7 @@ def test_laws_stand_beside_each_other_with_what_each_buys_and_pays(tmp_path):
     assert (literal.law, filtered.law, nominal.law) == ("literal", "cbf_qp", "nominal")
     assert [one.failed.count for one in (literal, filtered, nominal)] == [0, 0, 1]
     assert [one.merged for one in (literal, filtered, nominal)] == [0, 1, 1]
-    assert (literal.own_broken, nominal.own_broken, filtered.own_broken) == (None, None, 0)
+    assert (literal.own_broken, nominal.own_broken, filtered.own_broken) == (0, None, 1)
     assert nominal.worst_m < 0 < filtered.worst_m
     assert 0 < nominal.jerk_mps3 < filtered.jerk_mps3
     sweep_report.write(planned, found, tmp_path / "out")
@@ -329,6 +329,18 @@ def test_a_run_without_data_or_that_stopped_has_failed_and_a_vacuous_one_counts_
     rate = tally.failure_rate(found)
     assert (rate.count, rate.of) == (2, 3)
     assert tally.worst(found)[0] is found[3]
+
+
+def test_a_laws_own_hypotheses_are_those_of_its_signals_and_those_that_are_asked_of_it_alone():
+    def broken_s(plant, *keys):
+        trace = mjmerge.simulate(mjmerge.load("charge", ["duration_s=3", *keys]), plant)
+        (row,) = rows(trace, judge(trace))
+        return row["own_broken_s"]
+
+    assert broken_s("bicycle") == 0
+    assert broken_s("bicycle", "mismatch.command_delay_s=0.17") > 0  # its loop does not stand that
+    assert broken_s("double_integrator", "duration_s=6", "law.kind=cbf_qp") > 0  # somebody charges
+    assert broken_s("double_integrator", "law.kind=nominal") is None
 
 
 def test_shards_are_of_much_the_same_size_and_bounded_in_ticks(file):
