@@ -22,6 +22,18 @@ from mjmerge.state import Array
 
 MOST_SIGNALS = 64
 """Of one law."""
+TAKEN = frozenset(
+    {
+        "time_s", "opinion", "mu", "mu_input_per_s", "weight", "distance_m", "distance_rate_mps",
+        "sensed_distance_m", "sensed_distance_rate_mps", "sensed_front_m", "sensed_velocity_mps",
+        "sensed_heading_rad", "sensed_speed_mps", "sensed_steer_rad", "sensed_leader_mps2", "gap_m",
+        "gap_rate_mps", "clearance_m", "contact_impulse_n_s", "contact_speed_mps", "target_m",
+        "u_n_mps2", "u_c_mps2", "u_mps2", "front_m", "velocity_mps", "heading_rad", "speed_mps",
+        "steer_rad", "a_mps2", "omega_radps", "steer_command_rad", "torque_n_m",
+        "torque_clipped_n_m", "steer_clipped_rad",
+    }
+)  # fmt: skip
+"""What no signal can be called: the columns of every trace (a test holds this against their declaration)."""
 _ROWS = 3
 
 
@@ -137,7 +149,8 @@ def _numbers(law: Law, name: str, given: Any) -> Array:
     except ValueError:  # rows of different lengths
         values = np.empty(0, dtype=object)
     if values.dtype.kind not in "fiub":
-        raise DoorError(f"{law.kind} gives {name} as {described(given)}; it must be numbers")
+        what = f"an array of {values.dtype}" if isinstance(given, np.ndarray) else described(given)
+        raise DoorError(f"{law.kind} gives {name} as {what}; it must be numbers")
     return values.astype(np.float64)
 
 
@@ -183,6 +196,16 @@ def rehearse(law: Law, seen: Sensed, initial: Mapping[str, float], step_s: float
         law._found = _learnt(law, _asked(law, several, memory, step_s), several)
     if len(law.signals) > MOST_SIGNALS:
         raise DoorError(f"{law.kind} has {len(law.signals)} signals; up to {MOST_SIGNALS} are recorded")
+    names = [signal.name for signal in law.signals]
+    for name in names:
+        if not is_name(name):
+            raise DoorError(
+                f"{law.kind} has a signal called {str(name)[:40]!r}: expected lower-case letters, digits "
+                "and _, with its unit at the end"
+            )
+        if name in TAKEN or names.count(name) > 1:
+            other = "is a column of every run" if name in TAKEN else "is there twice"
+            raise DoorError(f"{law.kind} has a signal called {name}, which {other}; call it otherwise")
     for _ in range(2):  # the second time with a memory
         first, again = (_asked(law, several, memory, step_s) for _ in range(2))
         if not _same(first, again):
@@ -223,11 +246,6 @@ def _learnt(law: Law, made: Decision, seen: Sensed) -> tuple[Signal, ...]:
         (seen.p_j.shape[1],): (PER_NEIGHBOUR,),
     }
     for name, values in made.signals.items():
-        if not is_name(name):
-            raise DoorError(
-                f"{law.kind} has a signal called {str(name)[:40]!r}: expected lower-case letters, digits "
-                "and _, with its unit at the end"
-            )
         of = axes.get(values.shape[1:], (XY,) if values.shape[1:] == (2,) else None)
         if of is None:
             raise DoorError(

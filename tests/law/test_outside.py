@@ -16,17 +16,33 @@ from mjmerge import judge, load, simulate
 from mjmerge.cli import main
 from mjmerge.errors import MjmergeError, ScenarioError, UnreadableError
 from mjmerge.law import OpinionDynamics
+from mjmerge.law.asked import TAKEN
 from mjmerge.record.digest import digests
 from mjmerge.record.read import read
 from mjmerge.review.convert import flat
 from mjmerge.review.replay import replay
 from mjmerge.review.verify import verify
 from mjmerge.run import run
+from mjmerge.simulation.trace import COLUMNS
 from mjmerge.starts.make import KINDS, make
 
 SHORT = "duration_s=1"
 OURS = "law.kind=mine.py:mine"
 PLANTS = ["double_integrator", "bicycle", "bicycle_limited", "mujoco"]
+
+TWICE = """
+from mjmerge.law import Decision, Law, Signal
+
+class mine(Law):
+    kind: str
+
+    @property
+    def signals(self):
+        return Signal("a_m", ""), Signal("a_m", "")
+
+    def decide(self, seen, memory, step_s):
+        return Decision(seen.p, {"a_m": seen.p[:, 0]})
+"""
 
 PAPER = '''
 from mjmerge.law import OpinionDynamics
@@ -261,12 +277,20 @@ WRONG = {
     "mixes runs": ("return seen.p - seen.p.mean(axis=0)", "for a simulation alone than among 3"),
     "memory": ("memory['k'] = 1\nreturn seen.p", r"remembers k as .*a row for each of the 3 simulations"),
     "signal's name": ("return seen.p, {'Big Name': seen.d[:, 0]}", "a signal called 'Big Name'"),
+    "column's name": ("return seen.p, {'front_m': seen.d[:, 0]}", "front_m, which is a column of every run"),
+    "complex": ("return seen.p * 1j", "gives u as an array of complex128; it must be numbers"),
     "signal's shape": (
         "return seen.p, {'x_m': np.zeros((len(seen.p), 3, 3))}",
         "gives x_m as an array of shape",
     ),
     "exits": ("raise SystemExit", "SystemExit"),
 }
+
+
+def test_no_signal_can_be_called_as_a_column_of_every_run_is(here):
+    assert {column.name for column in COLUMNS} | {"time_s"} == TAKEN
+    Path("mine.py").write_text(TWICE)
+    assert "a signal called a_m, which is there twice" in refused()
 
 
 @pytest.mark.parametrize(("body", "says"), WRONG.values(), ids=WRONG)
