@@ -24,7 +24,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from pydantic import BaseModel, GetJsonSchemaHandler, SerializationInfo, ValidatorFunctionWrapHandler
+from pydantic import (
+    BaseModel,
+    GetJsonSchemaHandler,
+    SerializationInfo,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
@@ -154,8 +160,11 @@ def admitted(
     kind = value.get("kind") if isinstance(value, Mapping) else None
     if not from_outside(kind):
         return shipped(value)
+    place, _, _ = str(kind).rpartition(":")
     try:
-        return checked(str(kind), let_in_before(str(kind))).model_validate(value)
+        model = checked(str(kind), let_in_before(str(kind)))
+        with told(Path(place), f"{kind} cannot be made: ", let=(ValidationError,)):
+            return model.model_validate(value)
     except DoorError as error:
         raise ValueError(str(error)) from error
 
@@ -232,7 +241,7 @@ def _of_path(name: str) -> ModuleType:
 
 
 @contextmanager
-def told(path: Path | None, what: str = "") -> Iterator[None]:
+def told(path: Path | None, what: str = "", let: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Whatever code from outside raises is said with the line of its file where it was raised.
 
     What it prints goes to standard error: standard output is the command's own.
@@ -240,9 +249,10 @@ def told(path: Path | None, what: str = "") -> Iterator[None]:
     Args:
         path: the file; ``None`` where only the error can be said.
         what: the code, as the start of the message.
+        let: what it may raise.
 
     Raises:
-        DoorError: it raised something.
+        DoorError: it raised something else.
     """
     try:
         with redirect_stdout(sys.stderr):
@@ -252,8 +262,8 @@ def told(path: Path | None, what: str = "") -> Iterator[None]:
     except SyntaxError as error:
         raise DoorError(f"{what}{error.filename}, line {error.lineno}: {error.msg}") from error
     except (Exception, SystemExit) as error:
-        if isinstance(error, SystemExit) and error.code == _TERMINATED:
-            raise  # from outside, but not of that code
+        if isinstance(error, let) or (isinstance(error, SystemExit) and error.code == _TERMINATED):
+            raise  # the latter is from outside, but not of that code
         spot, trace = "", error.__traceback__
         while trace is not None:
             file = trace.tb_frame.f_code.co_filename

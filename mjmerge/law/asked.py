@@ -8,13 +8,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 
 from mjmerge.config.document import described
 from mjmerge.config.doors import DoorError, from_outside, told
-from mjmerge.law.base import OWN_DISTANCES, VECTORS, Decision, Law, Memory, Signal
+from mjmerge.law.base import (
+    GIVEN,
+    OWN_DISTANCES,
+    REMEMBERED,
+    VECTORS,
+    Decision,
+    Flow,
+    Law,
+    Memory,
+    Signal,
+)
 from mjmerge.law.function import RUNS, Function
 from mjmerge.law.sensed import Sensed
 from mjmerge.roster import PER_NEIGHBOUR, XY, Axis
@@ -108,6 +119,9 @@ def _asked(law: Law, seen: Sensed, memory: Memory, step_s: float) -> Decision:
             after = law.advance(memory, made, step_s) if made.after is None else made.after
     if not isinstance(made, Decision):
         raise DoorError(f"{law.kind} decides {described(made)}; decide must return a Decision")
+    for what, given in (("signals", made.signals), ("memory", after)):
+        if not isinstance(given, Mapping):
+            raise DoorError(f"{law.kind} gives {described(given)} as its {what}; it must be arrays by name")
     runs = len(seen.p)
     signals = {name: _numbers(law, name, values) for name, values in made.signals.items()}
     declared = {s.name: (runs, *_shape(s, seen)) for s in law.signals} | _common(law, seen)
@@ -127,6 +141,9 @@ def _asked(law: Law, seen: Sensed, memory: Memory, step_s: float) -> Decision:
             f"{law.kind} gives a command of shape {u.shape}; it must be u in m/s^2, x and y for each of the "
             f"{runs} simulations: ({runs}, 2)"
         )
+    lost = [name for name in law.remembers if name not in after]
+    if lost:
+        raise DoorError(f"{law.kind} says that it remembers {lost[0]}, and does not")
     for name, values in after.items():
         if not isinstance(values, np.ndarray) or values.shape[:1] != (runs,):
             raise DoorError(
@@ -180,6 +197,7 @@ def rehearse(law: Law, seen: Sensed, initial: Mapping[str, float], step_s: float
         DoorError: it raises something, gives what is no command, gives another when asked again, or lets one
             simulation depend on others.
     """
+    _declares(law)
     rng = np.random.default_rng(0)
     rows = {
         name: values
@@ -192,6 +210,10 @@ def rehearse(law: Law, seen: Sensed, initial: Mapping[str, float], step_s: float
     place, _, _ = law.kind.rpartition(":")
     with told(Path(place), f"the law {law.kind} fails: "):
         memory = law.start(_ROWS, initial)
+    if not isinstance(memory, Mapping):
+        raise DoorError(
+            f"{law.kind} starts with {described(memory)} as its memory; it must be arrays by name"
+        )
     if isinstance(law, Function):
         law._found = _learnt(law, _asked(law, several, memory, step_s), several)
     if len(law.signals) > MOST_SIGNALS:
@@ -225,6 +247,48 @@ def rehearse(law: Law, seen: Sensed, initial: Mapping[str, float], step_s: float
         memory = first.after or {}
     if isinstance(law, Function):
         law._remembers = any(memory[RUNS]) if RUNS in memory else bool(memory)
+
+
+def _declares(law: Law) -> None:
+    """Asks a law from outside for whatever it says of itself.
+
+    Raises:
+        DoorError: it raises something, or says what cannot be.
+    """
+    place, _, _ = law.kind.rpartition(":")
+    with told(Path(place), f"the law {law.kind} fails: "):
+        said = {name: getattr(law, name) for name in ("signals", "label", "guard", "singular")}
+        said |= {"unguarded": law.unguarded(), "flow": law.flow()}
+        columns = {name: tuple(getattr(law, name)) for name in ("gives", "remembers")}
+    kinds: dict[str, tuple[tuple[type, ...], str]] = {
+        "signals": ((tuple,), "a tuple of mjmerge.law.Signal"),
+        "label": ((str,), "text"),
+        "guard": ((str,), "text"),
+        "singular": ((bool,), "true or false"),
+        "unguarded": ((Law, NoneType), "a law, or None"),
+        "flow": ((Flow, NoneType), "a mjmerge.law.base.Flow, or None"),
+    }
+    for name, (types, must) in kinds.items():
+        strange = [one for one in said["signals"] if not isinstance(one, Signal)] if name == "signals" else []
+        if not isinstance(said[name], types) or strange:
+            raise DoorError(f"{law.kind} has {described(said[name])} for its {name}; it must be {must}")
+    for name, of in (("gives", GIVEN), ("remembers", REMEMBERED)):
+        for column in columns[name]:
+            if column not in of:
+                raise DoorError(f"{law.kind} {name} {str(column)[:40]!r}; it can be any of {', '.join(of)}")
+
+
+def problems(law: Law) -> list[tuple[str, str]]:
+    """What a law's keys get wrong together; see :meth:`Law.problems`.
+
+    Raises:
+        DoorError: a law from outside raises something when it is asked.
+    """
+    if not from_outside(law.kind):
+        return list(law.problems())
+    place, _, _ = law.kind.rpartition(":")
+    with told(Path(place), f"the law {law.kind} fails: "):
+        return [(str(key), str(message)) for key, message in law.problems()]
 
 
 def _same(a: Decision, b: Decision) -> bool:

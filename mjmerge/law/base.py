@@ -27,6 +27,10 @@ VECTORS = ("target_m", "u_n_mps2", "u_c_mps2")
 
 OWN_DISTANCES = ("sensed_distance_m", "sensed_distance_rate_mps")
 """Columns of every trace that are what the ego is told, or, where a law gives them, what it makes of that."""
+GIVEN = (*VECTORS, *OWN_DISTANCES, "weight", "mu_input_per_s")
+"""Columns of every trace that a law can fill by its decisions; all others are not its own to say."""
+REMEMBERED = ("opinion", "mu")
+"""Columns of every trace that can be of what a law remembers."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from mjmerge.config.bounds import MOST_METRICS, MOST_ROWS, MOST_TICKS
 from mjmerge.drivers import ahead, ask, kinds
 from mjmerge.errors import Problem, nearest
 from mjmerge.law import Law
+from mjmerge.law.asked import problems
 from mjmerge.roster import neighbour, roster
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Models
@@ -54,7 +55,7 @@ def _steps(duration_s: float, control_step_s: float, physics_step_s: float) -> I
 
 def _law(law: Law) -> Iterator[Problem]:
     """What the law finds wrong with itself."""
-    for key, message in law.problems():
+    for key, message in problems(law):
         yield Problem(message, f"law.{key}")
 
 

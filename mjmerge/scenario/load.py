@@ -16,7 +16,7 @@ from ruamel.yaml.representer import SafeRepresenter
 
 from mjmerge.config import shipped
 from mjmerge.config.document import UNREADABLE, Document, copied, described, is_text, scalar
-from mjmerge.config.doors import Code, DoorError, from_outside, located
+from mjmerge.config.doors import Code, DoorError, from_outside, located, told
 from mjmerge.config.frozen import Frozen
 from mjmerge.config.read import file_of, raise_problems, read, validated, validated_part
 from mjmerge.drivers import Absent, kinds
@@ -165,7 +165,7 @@ def _let_in(document: Document, near: Path | None, code: bool) -> None:
             document.report(str(error), f"{where}.kind")
             drivers[car] = UNREADABLE
             continue
-        drivers[car] = validated_part(model, given | {"kind": found}, document, where) or UNREADABLE
+        drivers[car] = _made(model, given | {"kind": found}, document, where)
 
 
 def _law(document: Document, near: Path | None, code: bool) -> None:
@@ -192,7 +192,18 @@ def _law(document: Document, near: Path | None, code: bool) -> None:
         given = {key: value for key, value in given.items() if key in beside or key in model.model_fields}
     document.value["law"] = given | {"kind": found}
     if kind not in shipped:
-        document.value["law"] = validated_part(model, given | {"kind": found}, document, "law") or UNREADABLE
+        document.value["law"] = _made(model, given | {"kind": found}, document, "law")
+
+
+def _made(model: type[Frozen], given: dict[str, Any], document: Document, where: str) -> object:
+    """One from outside, or what stands for one that cannot be made; problems are reported."""
+    kind = given["kind"]
+    try:
+        with told(Path(kind.rpartition(":")[0]), f"{kind} cannot be made: "):
+            return validated_part(model, given, document, where) or UNREADABLE
+    except DoorError as error:
+        document.report(str(error), f"{where}.kind")
+        return UNREADABLE
 
 
 def _rehearse(scenario: Scenario, document: Document) -> None:

@@ -80,8 +80,14 @@ def asked(trace: Trace) -> dict[str, Hypothesis]:
 
 
 def own(law: Law) -> dict[str, Hypothesis]:
-    """The hypotheses that a law brings, by name: those of its signals that say whether one holds."""
-    return {name: one for s in law.signals if s.asks for name, one in ((called(s.name), _own(s)),)}
+    """The hypotheses that a law brings, by name: those of its signals that say whether one holds.
+
+    None takes the place of one that is asked of it anyway.
+    """
+    brought = {called(signal.name): _own(signal) for signal in law.signals if signal.asks}
+    return {
+        name: one for name, one in brought.items() if name not in HYPOTHESES or not HYPOTHESES[name].of(law)
+    }
 
 
 def its_own(trace: Trace) -> dict[str, Hypothesis]:

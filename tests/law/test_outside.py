@@ -6,6 +6,7 @@ import json
 import pickle
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +26,18 @@ from mjmerge.review.verify import verify
 from mjmerge.run import run
 from mjmerge.simulation.trace import COLUMNS
 from mjmerge.starts.make import KINDS, make
+from mjmerge.verdict.hypotheses import broken
 
 SHORT = "duration_s=1"
 OURS = "law.kind=mine.py:mine"
 PLANTS = ["double_integrator", "bicycle", "bicycle_limited", "mujoco"]
+
+CLASS = """
+from mjmerge.law import Decision, Law, Signal
+
+class mine(Law):
+    kind: str
+    def decide(self, seen, memory, step_s): return Decision(seen.p)"""
 
 TWICE = """
 from mjmerge.law import Decision, Law, Signal
@@ -291,6 +300,50 @@ def test_no_signal_can_be_called_as_a_column_of_every_run_is(here):
     assert {column.name for column in COLUMNS} | {"time_s"} == TAKEN
     Path("mine.py").write_text(TWICE)
     assert "a signal called a_m, which is there twice" in refused()
+
+
+LIES = {
+    "init": (
+        "def __init__(self, **keys): raise KeyError('no')",
+        r"cannot be made: .*mine.py, line 7: KeyError",
+    ),
+    "problems": ("def problems(self): raise KeyError('no')", r"mine.py, line 7: KeyError"),
+    "start": ("def start(self, runs, initial): return None", r"starts with nothing .* arrays by name"),
+    "advance": ("def advance(self, *given): return None", r"gives nothing .* as its memory"),
+    "signals": ("signals = property(lambda self: ['a_m'])", r"has a list of 1 for its signals"),
+    "a signal": (
+        "signals = property(lambda self: ('a_m',))",
+        r"for its signals; it must be a tuple of mjmerge.law.Signal",
+    ),
+    "label": ("label = property(lambda self: 5)", r"has 5 for its label; it must be text"),
+    "guard": ("guard = property(lambda self: None)", r"for its guard; it must be text"),
+    "unguarded": ("def unguarded(self): return 5", r"has 5 for its unguarded; it must be a law, or None"),
+    "raises there": ("def unguarded(self): raise KeyError('no')", r"mine.py, line 7: KeyError"),
+    "flow": ("def flow(self): return 5", r"has 5 for its flow"),
+    "gives the truth": ("gives = ('front_m',)", r"gives 'front_m'; it can be any of target_m, "),
+    "remembers a column": (
+        "remembers = ('distance_m',)",
+        r"remembers 'distance_m'; it can be any of opinion",
+    ),
+    "remembers not": ("remembers = ('opinion',)", r"says that it remembers opinion, and does not"),
+}
+
+
+@pytest.mark.parametrize(("member", "says"), LIES.values(), ids=LIES)
+def test_what_a_class_says_of_itself_is_asked_before_anything_runs(here, member, says):
+    Path("mine.py").write_text(f"{CLASS}\n    {member}\n")
+    with pytest.raises(MjmergeError, match=says):
+        load("charge", [SHORT, OURS])
+
+
+def test_no_signal_takes_the_place_of_a_hypothesis_that_is_asked_anyway(here):
+    """A law that says that the start is safe is asked whether it is."""
+    signals = "@property\n    def signals(self): return (Signal('safe_start', '', asks='yes'),)"
+    text = CLASS.replace("Decision(seen.p)", "Decision(seen.p, {'safe_start': seen.p[:, 0] * 0 + 1})")
+    Path("mine.py").write_text(f"{text}\n    {signals}\n")
+    trace = simulate(load("charge", [SHORT, OURS]), "double_integrator")
+    inside = replace(trace, distance_m=np.full_like(trace.distance_m, -1.0))
+    assert broken(inside)["safe start"].any()
 
 
 @pytest.mark.parametrize(("body", "says"), WRONG.values(), ids=WRONG)
