@@ -28,6 +28,9 @@ import numpy as np
 from mjmerge.state import Array
 
 _GAINS, _FREQUENCIES = 200, 4000
+_MOST_PER_S = 1e12  # gains beyond are those of a distance that is none
+_MANY, _OFF = 100.0, 1.45
+"""Where K T is more than the first, K |tau - T| may be this at most: 2 sin(w x/2) = |1 + i x| wants 1.477."""
 _NEWTON = 60  # from above, where the cubic is convex, it converges quadratically; this is for the far start
 
 
@@ -60,7 +63,7 @@ def foreseen_window_s(velocity_gain: Array, position_gain: float, foreseen_s: fl
         position_gain: k_p, 1/s^2.
         foreseen_s: T, the dead time that is reckoned with, s.
     """
-    gains, back = np.unique(velocity_gain, return_inverse=True)
+    gains, back = np.unique(np.minimum(velocity_gain, _MOST_PER_S), return_inverse=True)
     if len(gains) > _GAINS:
         gains = np.geomspace(max(gains[0], 1e-6), max(gains[-1], 1e-6), _GAINS)
         ends = np.array([_window(K, position_gain, foreseen_s) for K in gains.tolist()])
@@ -77,6 +80,9 @@ def _window(K: float, k_p: float, foreseen_s: float) -> tuple[float, float]:  # 
     most = 3 * (K + k_p * T) + 3 * np.sqrt(k_p)  # beyond, s^2 outweighs all else
     if most == 0:
         return 0.0, np.inf  # nothing is fed back
+    if K * T > _MANY:  # more turns than can be looked through, and next to no room
+        room = _OFF / (K + k_p * T)
+        return max(T - room, 0.0), T + room
 
     def delayed(w: Array) -> Array:  # what e^(-tau s) has to be
         s = 1j * w

@@ -69,6 +69,15 @@ def test_the_windows_of_many_gains_are_those_of_each():
     assert foreseen_window_s(np.zeros(1), 0.0, 0.3)[1][0] == np.inf  # nothing is fed back
 
 
+def test_where_there_is_next_to_no_distance_left_there_is_next_to_no_room():
+    """Whatever the dead time; and no more than just before, where the equation itself is asked."""
+    for K in (120.0, 1e4, np.inf):
+        off = np.abs([end[0] - 1.0 for end in foreseen_window_s(np.array([K]), 0.7, 1.0)])
+        assert (off * min(K, 1e12) <= 1.477).all()
+    off = np.abs([end[0] - 1.0 for end in foreseen_window_s(np.array([99.0]), 0.7, 1.0)])
+    assert (off * 99.7 >= 1.45).all()
+
+
 def grows(delay_s, K, a, step_s=5e-4, duration_s=40.0):
     """Whether the loop with this dead time grows, by integration."""
     late = round(delay_s / step_s)
