@@ -36,17 +36,16 @@ COUNTED = (
     "world",
 )
 """Rooms whose tests count the lines that they run, if any do: it makes them 1.4 times as long."""
-_counts = True
+_counter = sys.modules["coverage"].Coverage.current() if "coverage" in sys.modules else None
+_counts = _counter is not None
 
 
 def pytest_runtest_logstart(nodeid: str) -> None:
     """Stops counting lines, and starts again, from room to room; nothing where they are not counted."""
     global _counts
-    counter = getattr(sys.modules.get("coverage"), "Coverage", None)
-    running = counter and counter.current()
     wanted = nodeid.startswith(tuple(f"tests/{room}/" for room in COUNTED))
-    if running and wanted != _counts:
-        (running.start if wanted else running.stop)()
+    if _counter is not None and wanted != _counts:
+        (_counter.start if wanted else _counter.stop)()
         _counts = wanted
 
 
