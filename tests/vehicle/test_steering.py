@@ -202,7 +202,7 @@ def test_it_stands_more_than_the_commanded_angle_does(long):
     assert trace.min_distance_m.min() > 0.05
     assert judge(trace)[0].verdict == "held"
     if long:
-        assert simulate(late("charge", 0.3), "mujoco").min_distance_m.min() < 0
+        assert simulate(late("charge", 0.28), "mujoco").min_distance_m.min() < 0
 
 
 def test_without_a_dead_time_of_its_own_it_is_the_commanded_angle():
