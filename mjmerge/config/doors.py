@@ -40,6 +40,8 @@ LARGEST_CODE_BYTES = 1_000_000
 """Of a file of code that is brought."""
 _TERMINATED = 128 + signal.SIGTERM
 """What a command exits with that is told to end: by an exception, wherever it is."""
+_PYDANTIC = ("model_config", "model_post_init", "_abc_impl")
+"""What pydantic has in each class, or lets it have."""
 _PREFIX = "mjmerge_outside_"
 """Of the modules that files become: the rest is the path, so that worker processes find it again."""
 
@@ -164,9 +166,47 @@ def admitted(
     try:
         model = checked(str(kind), let_in_before(str(kind)))
         with told(Path(place), f"{kind} cannot be made: ", let=(ValidationError,)):
-            return model.model_validate(value)
+            made = model.model_validate(value)
+        return same(made, model, str(kind))
     except DoorError as error:
         raise ValueError(str(error)) from error
+
+
+def same(made: Any, model: type[BaseModel], kind: str) -> Any:
+    """What was made of a class from outside, if it is that.
+
+    Raises:
+        DoorError: it is something else, or says that it is of another kind.
+    """
+    if type(made) is not model or made.__dict__.get("kind") != kind:
+        raise DoorError(f"{kind} cannot be made: what comes of its keys is another thing")
+    return made
+
+
+def keeps(kind: str, found: type[BaseModel], base: type[BaseModel], own: frozenset[str]) -> None:
+    """Refuses a class from outside that replaces what its base has for others to rely on.
+
+    Args:
+        kind: its located name.
+        found: the class.
+        base: what it is derived from; its fields stay what they are.
+        own: what of the base a class is there to say for itself.
+
+    Raises:
+        DoorError: it replaces something else.
+    """
+    what = base.__name__.lower()
+    for one in found.__mro__[: found.__mro__.index(base)]:
+        for name in (*vars(one), *vars(one).get("__annotations__", ())):
+            ours = hasattr(base, name) and not name.startswith("__") and name not in base.model_fields
+            if ours and name not in (*own, *_PYDANTIC):
+                raise DoorError(f"{kind}: {name} is not for a {what} to say; call it otherwise")
+    fields = base.model_fields
+    for name, field in found.model_fields.items():
+        if name in fields and name != "kind" and repr(field) != repr(fields[name]):
+            raise DoorError(f"{kind}: {name} is a key of every {what}; call it otherwise")
+        if name not in fields and hasattr(base, name):
+            raise DoorError(f"{kind}: {name} can be no key of a {what}; call it otherwise")
 
 
 def as_mapping(value: Any, info: SerializationInfo) -> Any:
@@ -261,7 +301,9 @@ def told(path: Path | None, what: str = "", let: tuple[type[Exception], ...] = (
         raise
     except SyntaxError as error:
         raise DoorError(f"{what}{error.filename}, line {error.lineno}: {error.msg}") from error
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         if isinstance(error, let) or (isinstance(error, SystemExit) and error.code == _TERMINATED):
             raise  # the latter is from outside, but not of that code
         spot, trace = "", error.__traceback__

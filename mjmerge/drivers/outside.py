@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from inspect import isabstract
 from pathlib import Path
 from typing import Any, ClassVar
@@ -10,12 +11,14 @@ import numpy as np
 from pydantic import ConfigDict, ValidatorFunctionWrapHandler
 
 from mjmerge.config.document import described
-from mjmerge.config.doors import DoorError, admitted, from_outside, resolve, told
+from mjmerge.config.doors import DoorError, admitted, from_outside, keeps, resolve, told
 from mjmerge.drivers.base import Along, Driver
 from mjmerge.state import Array
 
 GROUP = "mjmerge.drivers"
 """Entry points of packages that bring drivers."""
+OWN = frozenset({"can_lead", "problems", "draw", "random", "switches", "stands", "acceleration_mps2"})
+"""What the class of a driver is there to say."""
 
 
 def brought(kind: str) -> type[Driver]:
@@ -41,6 +44,9 @@ def _checked(kind: str, found: Any) -> type[Driver]:
     if isabstract(found):
         missing = ", ".join(sorted(found.__abstractmethods__))
         raise DoorError(f"{kind} is no driver yet: it lacks {missing}")
+    if not isinstance(found.can_lead, bool):
+        raise DoorError(f"{kind} can lead with {described(found.can_lead)}; it must be true or false")
+    keeps(kind, found, Driver, OWN)
     return found
 
 
@@ -58,26 +64,61 @@ def ask(driver: Driver, what: str, *arguments: Any) -> Any:
         arguments: of it.
 
     Raises:
-        DoorError: a driver from outside raised something, or intends what is no acceleration per simulation.
+        DoorError: a driver from outside raised something, or answered what can be no answer.
     """
-    method = getattr(driver, what)
     if not from_outside(driver.kind):
-        return method(*arguments)
+        return getattr(driver, what)(*arguments)
     place, _, _ = driver.kind.rpartition(":")
     with told(Path(place), f"{driver.kind} was asked for {what}: "):
-        answer = method(*arguments)
-    if what == "problems":
-        with told(Path(place), f"{driver.kind} was asked for {what}: "):
-            return list(answer)
-    if what == "acceleration_mps2":
-        own = arguments[1]
+        answer = getattr(driver, what)(*arguments)
+        if what == "problems":
+            return [(str(key), str(message)) for key, message in answer]
         given = np.asarray(answer)
-        if given.shape not in ((), own.speed_mps.shape) or given.dtype.kind not in "fiu":
-            raise DoorError(
-                f"{driver.kind} intends {described(answer)}; it must be one acceleration for each of the "
-                f"{len(own.speed_mps)} simulations, an array of that length"
-            )
+    verb, looked_at = _EXPECTED[what]
+    right, must = looked_at(given, arguments)
+    if not right:
+        raise DoorError(f"{driver.kind} {verb} {described(answer)}; it must be {must}")
     return answer
+
+
+def _acceleration(given: np.ndarray, arguments: Sequence[Any]) -> tuple[bool, str]:
+    runs = len(arguments[1].speed_mps)
+    right = given.shape in ((), (runs,)) and given.dtype.kind in "fiu"
+    return right, f"one acceleration for each of the {runs} simulations, an array of that length"
+
+
+def _stands(given: np.ndarray, arguments: Sequence[Any]) -> tuple[bool, str]:
+    runs = len(arguments[1].speed_mps)
+    right = given.shape in ((), (runs,)) and given.dtype.kind == "b"
+    return right, f"true or false for each of the {runs} simulations, an array of that length"
+
+
+def _switches(given: np.ndarray, arguments: Sequence[Any]) -> tuple[bool, str]:
+    del arguments
+    right = given.ndim == 1 and (not given.size or given.dtype.kind in "fiu")
+    return right and bool(np.isfinite(given.astype(float)).all()), "an array of times, s"
+
+
+def _draw(given: np.ndarray, arguments: Sequence[Any]) -> tuple[bool, str]:
+    runs = len(arguments[0])
+    right = given.shape[:1] == (runs,) and given.dtype.kind in "fiub"
+    nothing = given.shape == () and given[()] is None
+    return right or nothing, f"an array of numbers with a row for each of the {runs} simulations, or None"
+
+
+def _random(given: np.ndarray, arguments: Sequence[Any]) -> tuple[bool, str]:
+    del arguments
+    return given.shape == () and given.dtype.kind == "b", "true or false"
+
+
+_EXPECTED = {
+    "acceleration_mps2": ("intends", _acceleration),
+    "stands": ("means to stand with", _stands),
+    "switches": ("switches at", _switches),
+    "draw": ("draws", _draw),
+    "random": ("is random with", _random),
+}
+"""Of each answer its verb, and, from it as an array and what was asked: is it one, and what must it be."""
 
 
 class Absent(Driver):

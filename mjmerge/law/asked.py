@@ -269,8 +269,10 @@ def _declares(law: Law) -> None:
         "flow": ((Flow, NoneType), "a mjmerge.law.base.Flow, or None"),
     }
     for name, (types, must) in kinds.items():
-        strange = [one for one in said["signals"] if not isinstance(one, Signal)] if name == "signals" else []
-        if not isinstance(said[name], types) or strange:
+        right = isinstance(said[name], types)
+        if right and name == "signals":
+            right = all(isinstance(one, Signal) for one in said[name])
+        if not right:
             raise DoorError(f"{law.kind} has {described(said[name])} for its {name}; it must be {must}")
     for name, of in (("gives", GIVEN), ("remembers", REMEMBERED)):
         for column in columns[name]:

@@ -184,7 +184,11 @@ class Law(Frozen):
 def lacking(law: Law | type[Law]) -> Iterator[str]:
     """What a law needs and is not installed, each in a line that says how it comes."""
     for module, extra in law.needs.items():
-        if find_spec(module) is None:
+        try:
+            there = find_spec(module) is not None
+        except (ImportError, ValueError):  # what it is part of is not there, or it is no name
+            there = False
+        if not there:
             yield f"the law needs {module}: pip install 'mjmerge[{extra}]'"
 
 

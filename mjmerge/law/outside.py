@@ -11,13 +11,21 @@ from typing import Any
 
 from pydantic import ConfigDict, PrivateAttr, ValidatorFunctionWrapHandler
 
-from mjmerge.config.doors import DoorError, admitted, resolve
+from mjmerge.config.document import described
+from mjmerge.config.doors import DoorError, admitted, keeps, resolve
 from mjmerge.law.base import Decision, Law, Memory, Signal
 from mjmerge.law.function import law_of
 from mjmerge.law.sensed import Sensed
 
 GROUP = "mjmerge.laws"
 """Entry points of packages that bring laws."""
+OWN = frozenset(
+    {
+        "remembers", "gives", "needs", "guard", "signals", "label", "problems", "start", "decide", "advance",
+        "unguarded", "singular", "flow",
+    }
+)  # fmt: skip
+"""What the class of a law is there to say."""
 DEFAULT = "opinion_dynamics"
 """The kind of a law that says none: the paper's."""
 
@@ -43,6 +51,12 @@ def _checked(kind: str, found: Any) -> type[Law]:
     if isinstance(found, type) and issubclass(found, Law):
         if found.decide is Law.decide:
             raise DoorError(f"{kind} is no law yet: it lacks decide")
+        keeps(kind, found, Law, OWN)
+        needs: Any = found.needs
+        if not isinstance(needs, Mapping) or not all(
+            isinstance(n, str) for pair in needs.items() for n in pair
+        ):
+            raise DoorError(f"{kind} needs {described(needs)}; it must be extras by the name of a module")
         return found
     if inspect.isclass(found) or not callable(found):
         raise DoorError(

@@ -16,7 +16,7 @@ from ruamel.yaml.representer import SafeRepresenter
 
 from mjmerge.config import shipped
 from mjmerge.config.document import UNREADABLE, Document, copied, described, is_text, scalar
-from mjmerge.config.doors import Code, DoorError, from_outside, located, told
+from mjmerge.config.doors import Code, DoorError, from_outside, located, same, told
 from mjmerge.config.frozen import Frozen
 from mjmerge.config.read import file_of, raise_problems, read, validated, validated_part
 from mjmerge.drivers import Absent, kinds
@@ -200,7 +200,8 @@ def _made(model: type[Frozen], given: dict[str, Any], document: Document, where:
     kind = given["kind"]
     try:
         with told(Path(kind.rpartition(":")[0]), f"{kind} cannot be made: "):
-            return validated_part(model, given, document, where) or UNREADABLE
+            made = validated_part(model, given, document, where)
+        return UNREADABLE if made is None else same(made, model, kind)
     except DoorError as error:
         document.report(str(error), f"{where}.kind")
         return UNREADABLE

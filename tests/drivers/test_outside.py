@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import shutil
 import sys
@@ -22,6 +23,7 @@ from mjmerge.review.claims import allow
 from mjmerge.review.replay import replay
 from mjmerge.review.verify import verify
 from mjmerge.run import run
+from mjmerge.scenario.distinct import random as varies
 from mjmerge.starts.make import make
 
 STEADY = """
@@ -234,6 +236,49 @@ def test_what_it_gets_wrong_while_it_drives_is_bad_input_and_says_where(here, ca
     assert command("run", "charge", "--set", SHORT, "--set", LEADS, "--plant", "bicycle", "--out", "a") == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not (here / "a" / "summary.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("member", "says"),
+    [
+        ("def switches(self, drawn): return 5", "switches at 5; it must be an array of times, s"),
+        ("def switches(self, drawn): return ['x']", "it must be an array of times, s"),
+        ("def switches(self, drawn): return [float('nan')]", "it must be an array of times, s"),
+        ("switches = property(lambda self: 5)", "was asked for switches: TypeError"),
+        ("def stands(self, *given): return own", "line 13: NameError"),
+        (
+            "def stands(self, *given): return 5",
+            "means to stand with 5; it must be true or false for each of the 1",
+        ),
+        (
+            "def draw(self, *given): return 'x'",
+            "draws the text 'x'; it must be an array of numbers with a row",
+        ),
+        ("def draw(self, *given): return [[1, 2]] * 5", "a row for each of the 1 simulations, or None"),
+        ("acceleration_mps2 = property(lambda self: 5)", "was asked for acceleration_mps2: TypeError"),
+    ],
+)
+def test_whatever_it_answers_is_looked_at(here, member, says):
+    Path("mine.py").write_text(f"{STEADY}\n    {member}\n")
+    with pytest.raises(DoorError, match=re.escape(says)):
+        simulate(load("charge", [SHORT, LEADS]), "bicycle", continuous="switches" in member)
+
+
+@pytest.mark.parametrize(
+    ("member", "says"),
+    [
+        ("can_lead = 5", "can lead with 5; it must be true or false"),
+        ("def random(self, duration_s): return 'x'", "is random with the text 'x'; it must be true or false"),
+        ("def problems(self): return 5", "was asked for problems: TypeError"),
+        ("def model_copy(self): return 5", "model_copy is not for a driver to say"),
+        ("stands: bool = True", "stands can be no key of a driver"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Field name")  # pydantic's own word on a field of that name
+def test_what_it_says_of_itself_is_asked_before_anything_runs(here, member, says):
+    Path("mine.py").write_text(f"{STEADY}\n    {member}\n")
+    with pytest.raises(MjmergeError, match=re.escape(says)):
+        varies(load("charge", [SHORT, LEADS]), "bicycle")
 
 
 def test_a_number_that_is_none_ends_the_run_and_is_no_verdict(here):

@@ -23,6 +23,7 @@ from ruamel.yaml import YAML
 from mjmerge.cli import main
 from mjmerge.config import shipped
 
+from .code import brought
 from .mutate import HOSTILE, garbled, mutated, paths, written
 
 MOST_S, MOST_BYTES = 10.0, 2**30
@@ -198,6 +199,16 @@ def _xml(dice: random.Random, file: Path) -> str:
     return f"{gone[0][:60]} became {again[:60]!r}"
 
 
+def _code(dice: random.Random) -> Case:
+    words, said = brought(dice)
+    shutil.rmtree("out", ignore_errors=True)
+    plant = dice.choice(PLANTS[:3] if dice.random() < 0.8 else PLANTS)
+    more = dice.choice([["--no-record"], ["--no-record", "--runs", "3"], ["--json", "--out", "out"]])
+    if plant == "double_integrator" and dice.random() < 0.3:
+        more = ["--no-record", "--continuous"]
+    return ["run", "charge", *words, "--plant", plant, "--duration", "0.05", *more], said
+
+
 COMMANDS = (
     "run paper --plant double_integrator --duration 0.05 --no-record --runs 2 --seed 3 --continuous",
     "run paper --duration 0.02 --live-at 127.0.0.1:9 --out out",
@@ -248,7 +259,7 @@ def _options(dice: random.Random) -> Case:
 
 KINDS: dict[str, Callable[[random.Random], Case]] = {
     "scenario": _scenario, "set": _set, "campaign": _campaign,
-    "gate": _gate, "car": _car, "options": _options,
+    "gate": _gate, "car": _car, "code": _code, "options": _options,
 }  # fmt: skip
 
 

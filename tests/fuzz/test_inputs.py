@@ -18,7 +18,7 @@ import mjmerge
 from .cases import KINDS, MOST_BYTES, MOST_S, trouble
 
 ROOTS = (Path(mjmerge.__file__).parents[1], Path(__file__).parents[2])
-SHORT, LONG = 10, 834  # of each of six kinds
+SHORT, LONG = 10, 834  # of each of seven kinds
 
 
 @pytest.mark.parametrize("kind", KINDS)

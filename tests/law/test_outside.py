@@ -325,11 +325,28 @@ LIES = {
         "remembers = ('distance_m',)",
         r"remembers 'distance_m'; it can be any of opinion",
     ),
+    "signals that are a number": ("signals = property(lambda self: 5)", r"has 5 for its signals"),
+    "needs": ("needs = 5", r"needs 5; it must be extras by the name of a module"),
+    "a need that is a key": ("needs: int = -1", r"needs can be no key of a law; call it otherwise"),
+    "needs what is nowhere": ("needs = {'no.where': 'it'}", r"needs no.where: pip install 'mjmerge\[it\]'"),
+    "what is not its own": (
+        "j_1 = property(lambda self: 5)",
+        r"j_1 is not for a law to say; call it otherwise",
+    ),
+    "what is pydantic's": ("def model_dump(self): return 5", r"model_dump is not for a law to say"),
+    "a key of every law": ("r_m: float = -1.0", r"r_m is a key of every law; call it otherwise"),
+    "a key that is a method": ("def r_m(self): return 5", r"r_m is a key of every law"),
+    "made as another": (
+        "def __new__(cls, *a, **k): return Law.__new__(type(cls.__name__, (cls,), {}))",
+        r"another thing",
+    ),
+    "ends as a generator": ("def start(self, runs, initial): raise GeneratorExit", r"line 7: GeneratorExit"),
     "remembers not": ("remembers = ('opinion',)", r"says that it remembers opinion, and does not"),
 }
 
 
 @pytest.mark.parametrize(("member", "says"), LIES.values(), ids=LIES)
+@pytest.mark.filterwarnings("ignore:Field name")  # pydantic's own word on a field of that name
 def test_what_a_class_says_of_itself_is_asked_before_anything_runs(here, member, says):
     Path("mine.py").write_text(f"{CLASS}\n    {member}\n")
     with pytest.raises(MjmergeError, match=says):
