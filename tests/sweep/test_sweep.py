@@ -89,8 +89,12 @@ def test_the_table_does_not_depend_on_processes_or_on_who_runs_together(file, tm
     assert versions["mujoco"]
 
 
-@pytest.mark.parametrize("finished", [0, 3, 9])
-def test_killed_and_run_again_it_gives_the_table_of_an_undisturbed_run(file, tmp_path, finished):
+def test_killed_and_run_again_it_gives_the_table_of_an_undisturbed_run(file, tmp_path, long):
+    for finished in (0, 3, 9) if long else (3,):
+        _killed_and_run_again(file, tmp_path / str(finished), finished)
+
+
+def _killed_and_run_again(file, tmp_path, finished):
     out = tmp_path / "killed"
     process = started(file, out, "--workers", "2")
     wait_for_shards(process, out, finished)

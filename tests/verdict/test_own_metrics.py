@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -413,10 +414,22 @@ def test_a_row_of_the_gate_has_bounds_of_its_own(folder, capsys):
 # --- recordings
 
 
+@pytest.fixture(scope="module")
+def kept():
+    """The recordings that one test made, for the others; they name the folder of that one."""
+    return {}
+
+
 @pytest.fixture
-def recorded(folder, capsys):
-    write("mine.py:least_z", "mine.py:nobody_knows_s", expect="{least_z: {at_least: 0.01}}")
-    return Path(ran(capsys)["run_dir"])
+def recorded(folder, capsys, kept, monkeypatch):
+    if "folder" not in kept:
+        write("mine.py:least_z", "mine.py:nobody_knows_s", expect="{least_z: {at_least: 0.01}}")
+        kept["folder"], kept["run"] = folder, Path(ran(capsys)["run_dir"])
+        shutil.copytree(folder, folder.with_name(f"{folder.name}_kept"))
+    shutil.rmtree(kept["folder"])
+    shutil.copytree(kept["folder"].with_name(f"{kept['folder'].name}_kept"), kept["folder"])
+    monkeypatch.chdir(kept["folder"])
+    return kept["run"]
 
 
 @pytest.mark.parametrize("kind", ["mcap", "rrd"])
