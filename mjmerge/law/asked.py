@@ -260,8 +260,13 @@ def _declares(law: Law) -> None:
         said = {name: getattr(law, name) for name in ("signals", "label", "guard", "singular")}
         said |= {"unguarded": law.unguarded(), "flow": law.flow()}
         columns = {name: tuple(getattr(law, name)) for name in ("gives", "remembers")}
+        signals = isinstance(said["signals"], tuple) and all(map(_is_signal, said["signals"]))
     kinds: dict[str, tuple[tuple[type, ...], str]] = {
-        "signals": ((tuple,), "a tuple of mjmerge.law.Signal"),
+        "signals": (
+            (tuple,),
+            "a tuple of mjmerge.law.Signal, each with texts, and for its "
+            "axes one of (), ('neighbours',) and (('x', 'y'),)",
+        ),
         "label": ((str,), "text"),
         "guard": ((str,), "text"),
         "singular": ((bool,), "true or false"),
@@ -269,15 +274,23 @@ def _declares(law: Law) -> None:
         "flow": ((Flow, NoneType), "a mjmerge.law.base.Flow, or None"),
     }
     for name, (types, must) in kinds.items():
-        right = isinstance(said[name], types)
-        if right and name == "signals":
-            right = all(isinstance(one, Signal) for one in said[name])
-        if not right:
+        if not (signals if name == "signals" else isinstance(said[name], types)):
             raise DoorError(f"{law.kind} has {described(said[name])} for its {name}; it must be {must}")
     for name, of in (("gives", GIVEN), ("remembers", REMEMBERED)):
         for column in columns[name]:
             if column not in of:
                 raise DoorError(f"{law.kind} {name} {str(column)[:40]!r}; it can be any of {', '.join(of)}")
+
+
+def _is_signal(given: object) -> bool:
+    """Whether it is a signal, through and through."""
+    return (
+        isinstance(given, Signal)
+        and all(isinstance(text, str) for text in (given.name, given.doc, given.symbol, given.asks))
+        and isinstance(given.axes, tuple)
+        and all(isinstance(axis, str | tuple) for axis in given.axes)
+        and given.axes in ((), (PER_NEIGHBOUR,), (XY,))
+    )
 
 
 def problems(law: Law) -> list[tuple[str, str]]:

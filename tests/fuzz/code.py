@@ -17,29 +17,36 @@ from .mutate import garbled
 
 CLASS = """
 import numpy as np
-from mjmerge.law import Decision, Law, Signal
+from mjmerge.law import Decision, Law, Signal, geometry
 
 class MineLaw(Law):
     kind: str
     k: float = 1.0
     on: bool = True
+    gives = ("target_m",)
+    guard = "its brake"
 
     @property
     def signals(self):
-        closing = Signal("closing_mps", "how fast it closes in", axes=("neighbour",))
+        closing = Signal("closing_mps", "how fast it closes in", symbol="c", axes=("neighbours",))
         return closing, Signal("fine", "", asks="all is well")
 
+    def problems(self):
+        if self.k > 100:
+            yield "k", "is too large"
+
     def start(self, runs, initial):
-        return {"least_m": np.full(runs, initial["z"])}
+        return {"least_m": np.full(runs, 1.0 + initial["z"])}
 
     def unguarded(self):
         return self.model_copy(update={"on": False})
 
     def decide(self, seen, memory, step_s):
+        there = geometry(self, seen)
         u = -self.k * (seen.v - seen.v_j[:, self.j_1])
-        least = np.minimum(memory["least_m"], seen.d.min(axis=1))
-        signals = {"closing_mps": -seen.d_dot, "fine": (least > 0).astype(float)}
-        return Decision(u, signals, after={"least_m": least})
+        least = np.minimum(memory["least_m"], there.d.min(axis=1))
+        signals = {"closing_mps": -there.d_dot, "fine": (least > 0).astype(float)}
+        return Decision(u, signals | {"target_m": seen.p + 1.0}, after={"least_m": least})
 """
 EXPRESSIONS = (
     "None", "True", "0", "-1", "1e300", "10**400", "float('nan')", "-np.inf", "1j", "'x'", "b'x'", "...",
@@ -65,9 +72,11 @@ STATEMENTS = (
 _Function = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
-def brought(dice: random.Random) -> tuple[list[str], str]:
-    """Writes ``mine.py``: the words that have a scenario use it, and what is strange about it."""
-    what = dice.choice(("law", "law", "class", "class", "driver", "driver", "metric"))
+KINDS = ("law", "class", "driver", "metric")
+
+
+def begun(what: str, dice: random.Random) -> tuple[str, list[str]]:
+    """The text of a law, driver or metric that works, and the words that have a scenario use it."""
     for left in ("mine.py", "begun.py"):
         Path(left).unlink(missing_ok=True)
     text = CLASS if what == "class" else make(what, "begun", Path()).read_text()
@@ -77,6 +86,13 @@ def brought(dice: random.Random) -> tuple[list[str], str]:
         "driver": ("Begun", "drivers.vehicle_2={{kind: './mine.py:{}'}}"),
         "metric": ("begun", "metrics=['./mine.py:{}']"),
     }[what]
+    return text, ["--set", words.format(name)]
+
+
+def brought(dice: random.Random) -> tuple[list[str], str]:
+    """Writes ``mine.py``: the words that have a scenario use it, and what is strange about it."""
+    what = dice.choice((*KINDS, "class", "driver"))
+    text, words = begun(what, dice)
     if dice.random() < 0.1:
         data, said = garbled(text.encode(), dice)
         Path("mine.py").write_bytes(data)
@@ -84,7 +100,7 @@ def brought(dice: random.Random) -> tuple[list[str], str]:
         tree = ast.parse(text)
         said = "; ".join(_changed(tree, dice) for _ in range(dice.choice([1, 1, 1, 2, 3])))
         Path("mine.py").write_text(ast.unparse(ast.fix_missing_locations(tree)) + "\n")
-    return ["--set", words.format(name)], f"{what}: {said}"
+    return words, f"{what}: {said}"
 
 
 def _changed(tree: ast.Module, dice: random.Random) -> str:

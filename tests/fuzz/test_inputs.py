@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +15,9 @@ from pathlib import Path
 import pytest
 
 import mjmerge
+from mjmerge.cli import main
 
+from . import code
 from .cases import KINDS, MOST_BYTES, MOST_S, trouble
 
 ROOTS = (Path(mjmerge.__file__).parents[1], Path(__file__).parents[2])
@@ -38,6 +41,16 @@ def test_no_input_is_answered_by_a_traceback_by_waiting_or_by_taking_all_memory(
     assert ended.returncode == 0, ended.stderr
     bad = json.loads(answer.read_text())
     assert not bad, "\n\n".join(bad)
+
+
+@pytest.mark.parametrize("what", code.KINDS)
+def test_code_that_nobody_changed_is_let_in(what, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text, words = code.begun(what, random.Random(0))
+    Path("mine.py").write_text(text)
+    with pytest.raises(SystemExit) as end:
+        main(["run", "charge", *words, "--plant", "bicycle", "--duration", "0.05", "--no-record"])
+    assert end.value.code in (0, 1), capsys.readouterr().err
 
 
 def takes(n_bytes: int) -> None:

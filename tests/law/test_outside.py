@@ -32,7 +32,7 @@ SHORT = "duration_s=1"
 OURS = "law.kind=mine.py:mine"
 PLANTS = ["double_integrator", "bicycle", "bicycle_limited", "mujoco"]
 
-CLASS = """
+CLASS = """import numpy as np
 from mjmerge.law import Decision, Law, Signal
 
 class mine(Law):
@@ -326,6 +326,14 @@ LIES = {
         r"remembers 'distance_m'; it can be any of opinion",
     ),
     "signals that are a number": ("signals = property(lambda self: 5)", r"has 5 for its signals"),
+    "a signal's name": (
+        "signals = property(lambda self: (Signal('a_m', ''), Signal(np.zeros(0), '')))",
+        r"each with texts, and for its axes one of",
+    ),
+    "a signal's axes": (
+        "signals = property(lambda self: (Signal('a_m', '', axes=(np.zeros(2),)),))",
+        r"each with texts, and for its axes one of",
+    ),
     "needs": ("needs = 5", r"needs 5; it must be extras by the name of a module"),
     "a need that is a key": ("needs: int = -1", r"needs can be no key of a law; call it otherwise"),
     "needs what is nowhere": ("needs = {'no.where': 'it'}", r"needs no.where: pip install 'mjmerge\[it\]'"),
