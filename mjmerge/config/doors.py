@@ -40,8 +40,12 @@ LARGEST_CODE_BYTES = 1_000_000
 """Of a file of code that is brought."""
 _TERMINATED = 128 + signal.SIGTERM
 """What a command exits with that is told to end: by an exception, wherever it is."""
-_PYDANTIC = ("model_config", "model_post_init", "_abc_impl")
+_PYDANTIC = ("model_config", "model_post_init", "_abc_impl", "__init__", "__new__")
 """What pydantic has in each class, or lets it have."""
+_SPECIAL = frozenset(
+    name for name in dir(BaseModel) if name.startswith("__") and callable(getattr(BaseModel, name, None))
+)
+"""What it has that Python calls by itself: to compare, to copy, to print."""
 _PREFIX = "mjmerge_outside_"
 """Of the modules that files become: the rest is the path, so that worker processes find it again."""
 
@@ -198,8 +202,10 @@ def keeps(kind: str, found: type[BaseModel], base: type[BaseModel], own: frozens
     what = base.__name__.lower()
     for one in found.__mro__[: found.__mro__.index(base)]:
         for name in (*vars(one), *vars(one).get("__annotations__", ())):
-            ours = hasattr(base, name) and not name.startswith("__") and name not in base.model_fields
-            if ours and name not in (*own, *_PYDANTIC):
+            ours = name in _SPECIAL if name.startswith("__") else hasattr(base, name)
+            if name == "__hash__":  # pydantic gives each class one
+                ours = not getattr(one.__hash__, "__module__", "").startswith("pydantic")
+            if ours and name not in (*own, *_PYDANTIC, *base.model_fields):
                 raise DoorError(f"{kind}: {name} is not for a {what} to say; call it otherwise")
     fields = base.model_fields
     for name, field in found.model_fields.items():

@@ -144,13 +144,22 @@ def _asked(law: Law, seen: Sensed, memory: Memory, step_s: float) -> Decision:
     lost = [name for name in law.remembers if name not in after]
     if lost:
         raise DoorError(f"{law.kind} says that it remembers {lost[0]}, and does not")
-    for name, values in after.items():
+    _check_memory(law, after, runs)
+    return Decision(u, signals, after)
+
+
+def _check_memory(law: Law, memory: Memory, runs: int) -> None:
+    """Refuses what is no memory of so many simulations.
+
+    Raises:
+        DoorError: it has something else than an array with a row for each.
+    """
+    for name, values in memory.items():
         if not isinstance(values, np.ndarray) or values.shape[:1] != (runs,):
             raise DoorError(
                 f"{law.kind} remembers {name} as {described(values)}; it must be an array with a row for "
                 f"each of the {runs} simulations"
             )
-    return Decision(u, signals, after)
 
 
 def _common(law: Law, seen: Sensed) -> dict[str, tuple[int, ...]]:
@@ -214,6 +223,7 @@ def rehearse(law: Law, seen: Sensed, initial: Mapping[str, float], step_s: float
         raise DoorError(
             f"{law.kind} starts with {described(memory)} as its memory; it must be arrays by name"
         )
+    _check_memory(law, memory, _ROWS)
     if isinstance(law, Function):
         law._found = _learnt(law, _asked(law, several, memory, step_s), several)
     if len(law.signals) > MOST_SIGNALS:

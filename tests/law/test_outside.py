@@ -309,6 +309,16 @@ LIES = {
     ),
     "problems": ("def problems(self): raise KeyError('no')", r"mine.py, line 7: KeyError"),
     "start": ("def start(self, runs, initial): return None", r"starts with nothing .* arrays by name"),
+    "starts with a number": (
+        "def start(self, runs, initial): return {'a': 5.0}",
+        r"remembers a as 5.0; it must be an array with a row for each of the 3",
+    ),
+    "starts with one row": (
+        "def start(self, runs, initial): return {'a': np.zeros(1)}",
+        r"remembers a as a ndarray; .* a row for each of the 3",
+    ),
+    "is equal to all": ("def __eq__(self, other): return 5", r"__eq__ is not for a law to say"),
+    "has a hash": ("def __hash__(self): raise ValueError('no')", r"__hash__ is not for a law to say"),
     "advance": ("def advance(self, *given): return None", r"gives nothing .* as its memory"),
     "signals": ("signals = property(lambda self: ['a_m'])", r"has a list of 1 for its signals"),
     "a signal": (
