@@ -310,11 +310,13 @@ LIES = {
     "problems": ("def problems(self): raise KeyError('no')", r"mine.py, line 7: KeyError"),
     "start": ("def start(self, runs, initial): return None", r"starts with nothing .* arrays by name"),
     "starts with a number": (
-        "def start(self, runs, initial): return {'a': 5.0}",
+        "def start(self, runs, initial): return {'a': 5.0}\n"
+        "    def advance(self, memory, decision, step_s): return {'a': decision.u[:, 0]}",
         r"remembers a as 5.0; it must be an array with a row for each of the 3",
     ),
     "starts with one row": (
-        "def start(self, runs, initial): return {'a': np.zeros(1)}",
+        "def start(self, runs, initial): return {'a': np.zeros(1)}\n"
+        "    def advance(self, memory, decision, step_s): return {'a': decision.u[:, 0]}",
         r"remembers a as a ndarray; .* a row for each of the 3",
     ),
     "is equal to all": ("def __eq__(self, other): return 5", r"__eq__ is not for a law to say"),
