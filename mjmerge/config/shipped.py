@@ -31,6 +31,12 @@ def models() -> dict[str, Path]:
     return {p.parent.name: p.parent for p in sorted(folder("models").glob("*/datasheet.yaml"))}
 
 
+def cars() -> tuple[tuple[Path, bytes], ...]:
+    """What the shipped car models are made from, every file and its content."""
+    files = [p for p in sorted(folder("models").rglob("*")) if p.suffix in (".xml", ".yaml")]
+    return tuple((path, path.read_bytes()) for path in files)
+
+
 def model_folder(name: str, near: Path | None = None) -> Path:
     """Folder of a car model.
 

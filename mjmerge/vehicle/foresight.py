@@ -63,15 +63,22 @@ class Foresight:
         velocity_mps, heading, speed = (
             values.copy() for values in (cars.velocity_mps, cars.heading_rad, cars.speed_mps)
         )
-        for ago, controls in enumerate(reversed(self._told), start=1):
-            for_s = min(self._step_s, tau - (ago - 1) * self._step_s)  # of the oldest, what is left of it
-            then_s = (ago - 1) * self._step_s + for_s / 2
-            u: Array = controls.u_mps2[:, 0] * for_s
-            velocity_mps[:, 0] += u
-            front_m[:, 0] += u * then_s
-            speed[:, 0] += controls.a_mps2[:, 0] * for_s
-        for ago, controls in enumerate(reversed(self._told), start=1):
-            for_s = min(self._step_s, tau - (ago - 1) * self._step_s)
-            turn = np.tan(controls.steer_rad[:, 0]) / self._wheelbase_m
-            heading[:, 0] += speed[:, 0] * turn * for_s
+        if self._told:
+            newest = list(reversed(self._told))
+            ago_s = self._step_s * np.arange(len(newest))
+            for_s = np.minimum(self._step_s, tau - ago_s)[:, None]  # of the oldest, what is left of it
+            then_s = ago_s[:, None] + for_s / 2
+            u = np.array([one.u_mps2[:, 0] for one in newest]) * for_s[..., None]
+            gains = np.array([one.a_mps2[:, 0] for one in newest]) * for_s
+            turn = np.tan(np.array([one.steer_rad[:, 0] for one in newest])) / self._wheelbase_m
+            velocity_mps[:, 0] = _added(velocity_mps[:, 0], u)
+            front_m[:, 0] = _added(front_m[:, 0], u * then_s[..., None])
+            speed[:, 0] = _added(speed[:, 0], gains)
+            heading[:, 0] = _added(heading[:, 0], speed[:, 0] * turn * for_s)
         return replace(cars, front_m=front_m, velocity_mps=velocity_mps, heading_rad=heading, speed_mps=speed)
+
+
+def _added(start: Array, more: Array) -> Array:
+    """One after the other, in the order given, (K, ...): the same bits for any batch size."""
+    total: Array = np.add.accumulate(np.concatenate([start[None], more]))[-1]
+    return total

@@ -8,10 +8,12 @@ it.
 
 from __future__ import annotations
 
+import copy
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -38,7 +40,7 @@ from mjmerge.world.checks.options import differences
 from mjmerge.world.checks.parts import BRAKE, DRIVE, STEER
 from mjmerge.world.contained import contained
 from mjmerge.world.model import HARDEST, IMPRATIO, LONGEST_STEP_S, World
-from mjmerge.world.road import mark_lanes
+from mjmerge.world.road import Line, mark, markings
 
 with warnings.catch_warnings():  # dm_control looks for a window on import, and warns where there is none
     warnings.filterwarnings("ignore", module="glfw")
@@ -62,20 +64,43 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
         ModelError: a car model lacks something, or the composition lost an option.
     """
     mismatch = mismatch or (scenario.mismatch,)
-    return compose(
+    return _made(
         dict(zip(scenario.roster.cars, scenario.car_models, strict=True)),
+        tuple(markings(scenario)),
+        {"ego": max(m.command_delay_s for m in mismatch)},
         friction=mismatch[0].friction,
         tyres="slip" if any(m.tyres == "slip" for m in mismatch) else "ideal",
-        delays_s={"ego": max(m.command_delay_s for m in mismatch)},
         physics_step_s=scenario.physics_step_s,
         substeps=scenario.substeps,
-        draw=lambda root: mark_lanes(root, scenario),
     )
 
 
-def single(model: str, **options: Any) -> World:
+def single(model: str, *, delays_s: Mapping[str, float] | None = None, **options: Any) -> World:
     """One car, called ``ego``, alone on a plane; the options are those of :func:`compose`."""
-    return compose({"ego": model}, **options)
+    return _made({"ego": model}, (), delays_s or {}, **options)
+
+
+def _made(
+    models: Mapping[str, str], lines: tuple[Line, ...], delays_s: Mapping[str, float], **options: Any
+) -> World:
+    """A world, composed or kept; a car of somebody's own may be of any files, and is read every time."""
+    known = set(models.values()) <= set(shipped.models())
+    make, files = (_kept, shipped.cars()) if known else (_kept.__wrapped__, ())
+    world = make(files, tuple(models.items()), lines, tuple(delays_s.items()), **options)
+    return replace(world, model=copy.copy(world.model))  # who gets it may change it
+
+
+@lru_cache(maxsize=16)  # of 0.2 MB; composing one takes as long as 2 s of driving in it
+def _kept(
+    files: tuple[tuple[Path, bytes], ...],
+    models: tuple[tuple[str, str], ...],
+    lines: tuple[Line, ...],
+    delays_s: tuple[tuple[str, float], ...],
+    **options: Any,
+) -> World:
+    """The world of all that is given, once; by the content of its files, so that a change is seen."""
+    del files
+    return compose(dict(models), delays_s=dict(delays_s), draw=lambda root: mark(root, lines), **options)
 
 
 def compose(

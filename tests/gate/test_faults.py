@@ -96,25 +96,37 @@ WRONG_SIGNS = {
 }
 
 
-@pytest.mark.parametrize(("file", "right", "wrong", "word"), WRONG_SIGNS.values(), ids=WRONG_SIGNS)
-def test_the_gate_fails_when_g_has_the_wrong_sign(tmp_path, file, right, wrong, word):
-    """Everywhere: the command is even in g_j, no distance moves, and the recorded rate gives it away."""
+@pytest.fixture
+def copy(tmp_path):
+    """All of the code in a folder of its own."""
     home = Path(mjmerge.__file__).parent
     shutil.copytree(home, tmp_path / "mjmerge", ignore=shutil.ignore_patterns("__pycache__"))
     for kind in ("models", "scenarios"):
         shutil.copytree(shipped.folder(kind), tmp_path / kind, dirs_exist_ok=True)
-    target = tmp_path / "mjmerge" / file
+    return tmp_path
+
+
+def checked(copy: Path) -> subprocess.CompletedProcess[str]:
+    """Its own gate, a row of it."""
+    command = [sys.executable, "-m", "mjmerge", "check", "--only", "charge, ideal"]
+    environment = os.environ | {"PYTHONPATH": str(copy), "MUJOCO_GL": "disable"}
+    return subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(("file", "right", "wrong", "word"), WRONG_SIGNS.values(), ids=WRONG_SIGNS)
+def test_the_gate_fails_when_g_has_the_wrong_sign(copy, file, right, wrong, word):
+    """Everywhere: the command is even in g_j, no distance moves, and the recorded rate gives it away."""
+    target = copy / "mjmerge" / file
     text = target.read_text(encoding="utf-8")
     assert text.count(right) == 1
     target.write_text(text.replace(right, wrong), encoding="utf-8")
-
-    command = [sys.executable, "-m", "mjmerge", "check", "--only", "charge, ideal"]
-    environment = os.environ | {"PYTHONPATH": str(tmp_path), "MUJOCO_GL": "disable"}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = checked(copy)
     assert done.returncode == 1, done.stderr
     assert word in done.stdout
-    target.write_text(text, encoding="utf-8")
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_the_gate_of_a_copy_in_which_nothing_was_changed_passes(copy):
+    done = checked(copy)
     assert done.returncode == 0, done.stdout
 
 

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from mjmerge.cli import main
-from mjmerge.record import read as read_module
 from mjmerge.record.read import read
 from mjmerge.review.shown import Contents, alike, contents
 from mjmerge.review.verify import verify
@@ -46,22 +45,6 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     for name, keys in laws.items():
         run(load("charge", ["duration_s=0.3", *keys]), "mujoco", folder=place / name)
     return [place / name for name in laws]
-
-
-@pytest.fixture
-def tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether Rerun's reader survives a file is tried, in a process, once for each content."""
-    known: dict[bytes, bool] = {}
-    survives = read_module.survives
-
-    def once(path: Path) -> bool:
-        content = path.read_bytes()
-        if content not in known:
-            known.clear()
-            known[content] = survives(path)
-        return known[content]
-
-    monkeypatch.setattr(read_module, "survives", once)
 
 
 def busy_s() -> float:
@@ -97,7 +80,7 @@ def _shown_alike(a: Contents, b: Contents) -> bool:
 @pytest.mark.parametrize("part", range(PARTS))
 @pytest.mark.parametrize("kind", ["mcap", "rrd"])
 def test_damage_is_told_or_refused_and_nothing_else(
-    originals: list[Path], tmp_path: Path, monkeypatch, capsys, tried_once, kind: str, part: int, long: bool
+    originals: list[Path], tmp_path: Path, monkeypatch, capsys, kind: str, part: int, long: bool
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = tmp_path / f"damaged.{kind}"

@@ -10,6 +10,7 @@ from mjmerge.law.opinion_dynamics import law as merge
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.simulation.loop import simulate
+from mjmerge.verdict import counterfactual
 from mjmerge.verdict.counterfactual import unguarded, without_barrier_m
 from mjmerge.verdict.hypotheses import HYPOTHESES
 from mjmerge.verdict.judge import BROKEN, HELD, REFUTED, UNRESOLVED, VACUOUS, judge
@@ -96,11 +97,12 @@ def test_a_barrier_with_the_wrong_sign_that_leads_to_a_violation_refutes_itself(
 
 @pytest.mark.parametrize("bias", ["neighbour_reference_m=0.165", "neighbour_position_bias_m=0.1"])
 @pytest.mark.parametrize("scenario", ["paper", "charge"])
-def test_a_law_that_is_told_wrong_distances_holds_nothing(scenario, bias):
-    assert verdict_of(scenario, f"mismatch.{bias}").verdict != HELD
+def test_a_law_that_is_told_wrong_distances_holds_nothing(scenario, bias, long):
+    short = [] if long else ["duration_s=12"]
+    assert verdict_of(scenario, f"mismatch.{bias}", *short).verdict != HELD
 
 
-def test_a_law_that_computes_wrong_distances_holds_nothing(monkeypatch):
+def test_a_law_that_computes_wrong_distances_holds_nothing(monkeypatch, long):
     right = merge.geometry
 
     def wrong(law, sensed):
@@ -109,12 +111,12 @@ def test_a_law_that_computes_wrong_distances_holds_nothing(monkeypatch):
 
     monkeypatch.setattr(merge, "geometry", wrong)
     for scenario in ("paper", "charge"):
-        assert verdict_of(scenario).verdict != HELD
+        assert verdict_of(scenario, *([] if long else ["duration_s=12"])).verdict != HELD
 
 
 @pytest.mark.parametrize("plant", [IDEAL, "mujoco"])
 def test_a_merge_into_a_gap_wide_open_is_vacuous(plant):
-    verdict = verdict_of(WIDE, plant=plant)
+    verdict = verdict_of(WIDE, "duration_s=10", plant=plant)
     assert (verdict.verdict, verdict.needed) == (VACUOUS, False)
     assert "not because of the barrier" in verdict.reason
 
@@ -128,7 +130,7 @@ def test_a_run_that_something_else_kept_away_is_vacuous_and_one_that_a_strong_ba
 
 
 def test_the_counterfactual_is_the_same_scenario_without_the_barrier_run_by_run():
-    scenario = load("flips", ["duration_s=8"])
+    scenario = load("flips", ["duration_s=3", "physics_step_s=0.002"])
     noisy = Mismatch(neighbour_position_noise_m=0.01, command_delay_s=0.03)
     cases = [(5, Mismatch()), (6, noisy), (7, Mismatch(friction=0.5)), (7, Mismatch())]
     trace = simulate(scenario, "mujoco", cases=cases)
@@ -138,8 +140,28 @@ def test_the_counterfactual_is_the_same_scenario_without_the_barrier_run_by_run(
     assert without_barrier_m(trace, [2]).tobytes() == alone[2].tobytes()
 
 
-def test_held_means_that_a_run_without_the_barrier_comes_out_worse():
-    for verdict in judge(simulate(load("flips"), IDEAL, runs=24)):
+def test_what_is_known_already_of_a_run_without_the_barrier_is_not_run_again(monkeypatch):
+    scenario, ran = load("charge", ["duration_s=0.7"]), []
+
+    def counted(*given, cases, **more):
+        ran.append(len(cases))
+        return simulate(*given, cases=cases, **more)
+
+    monkeypatch.setattr(counterfactual, "simulate", counted)
+    cases = [(seed, Mismatch(friction=friction)) for seed in (3, 4) for friction in (0.5, 1.0)]
+    first = without_barrier_m(simulate(scenario, IDEAL, cases=[(s, Mismatch()) for s, _ in cases]), range(4))
+    again = without_barrier_m(simulate(scenario, "mujoco", cases=cases), range(4))
+    assert again.tobytes() == first.tobytes()
+    assert ran == [2]  # two seeds, that no friction makes a difference to
+    without_barrier_m(simulate(scenario, IDEAL, runs=2, seed=4), range(2))
+    without_barrier_m(simulate(load("charge", ["duration_s=0.7", "law.r_rho_m=-1"]), IDEAL, seed=3), [0])
+    assert ran == [2, 1, 1]
+
+
+def test_held_means_that_a_run_without_the_barrier_comes_out_worse(long):
+    verdicts = judge(simulate(load("flips", [] if long else ["duration_s=15"]), IDEAL, runs=24))
+    assert HELD in [verdict.verdict for verdict in verdicts]
+    for verdict in verdicts:
         if verdict.verdict == HELD:
             assert verdict.without_barrier_m < 0.6
         assert (verdict.verdict == HELD) == (verdict.needed is True)

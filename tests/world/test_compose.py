@@ -1,6 +1,7 @@
 """The composed world: what was asked for is what MuJoCo compiled."""
 
 import pkgutil
+import shutil
 
 import mujoco
 import numpy as np
@@ -44,6 +45,27 @@ def test_options_reach_the_compiled_model():
     assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
     assert model.opt.impratio == IMPRATIO
     assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
+def test_a_world_that_is_built_again_is_that_world_and_not_what_somebody_made_of_it():
+    first = build(load("charge"))
+    friction = first.model.pair_friction.copy()
+    first.model.pair_friction[:] = 0.1
+    again = build(load("charge"))
+    assert again.xml == first.xml
+    assert again.model.pair_friction == pytest.approx(friction, abs=0)
+    assert build(load("charge", ["mismatch.friction=0.5"])).model.pair_friction[0, 0] == 0.5
+    assert build(load("charge", ["duration_s=99"])).xml != first.xml  # a longer road
+
+
+def test_a_car_that_has_changed_since_is_read_again(tmp_path, monkeypatch):
+    for kind in ("models", "scenarios"):
+        shutil.copytree(shipped.folder(kind), tmp_path / kind)
+    monkeypatch.setattr(shipped, "folder", lambda kind: tmp_path / kind)
+    built = build(load("charge")).model
+    file = tmp_path / "models" / "parts" / "car.xml"
+    file.write_text(file.read_text().replace('rgba=".13 .13 .14 1"', 'rgba=".5 .5 .5 1"'))
+    assert not np.array_equal(build(load("charge")).model.mat_rgba, built.mat_rgba)
 
 
 @pytest.mark.parametrize("name", sorted(shipped.models()))
