@@ -40,6 +40,8 @@ LARGEST_CODE_BYTES = 1_000_000
 """Of a file of code that is brought."""
 _TERMINATED = 128 + signal.SIGTERM
 """What a command exits with that is told to end: by an exception, wherever it is."""
+_OURS = "mjmerge."
+"""What the modules begin with that are shipped."""
 _PYDANTIC = ("model_config", "model_post_init", "_abc_impl", "__init__", "__new__")
 """What pydantic has in each class, or lets it have."""
 _SPECIAL = frozenset(
@@ -200,7 +202,10 @@ def keeps(kind: str, found: type[BaseModel], base: type[BaseModel], own: frozens
         DoorError: it replaces something else.
     """
     what = base.__name__.lower()
-    for one in found.__mro__[: found.__mro__.index(base)]:
+    theirs = [
+        one for one in found.__mro__[: found.__mro__.index(base)] if not one.__module__.startswith(_OURS)
+    ]
+    for one in theirs:
         for name in (*vars(one), *vars(one).get("__annotations__", ())):
             ours = name in _SPECIAL if name.startswith("__") else hasattr(base, name)
             if name == "__hash__":  # pydantic gives each class one

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -13,10 +13,24 @@ from pydantic import Field
 from mjmerge.config.frozen import Frozen
 from mjmerge.state import Array, Mask
 
+if TYPE_CHECKING:
+    from mjmerge.drivers.several import Rows
+
 FASTEST_MPS = 1000.0
 """Nothing on a road is faster: a speed beyond it is a mistake."""
 Forwards = Annotated[float, Field(ge=0, le=FASTEST_MPS)]
 """A speed of a car that does not reverse, m/s."""
+
+
+Number = float | Array
+"""One, or one for each simulation, (N,)."""
+
+
+def each(function: Callable[[float], float], of: Number) -> Number:
+    """A function of one number, of each: Python's own has the same bits for one number as for many."""
+    if isinstance(of, np.ndarray) and of.ndim:
+        return np.array([function(one) for one in of.tolist()])
+    return function(float(of))
 
 
 def overlap(end_s: float, start_s: float) -> bool:
@@ -42,6 +56,13 @@ class Along:
     nose_m: float = 0.0
     tail_m: float = 0.0
 
+    def of(self, rows: Rows) -> Along:
+        """The same in some simulations."""
+        if isinstance(rows, slice):  # in all of them
+            return self
+        own = self.position_m[rows], self.speed_mps[rows], self.acceleration_mps2[rows]
+        return replace(self, position_m=own[0], speed_mps=own[1], acceleration_mps2=own[2])
+
     def clear_to_m(self, ahead: Along) -> Array:
         """Free road from this car's nose to the tail of the one ahead, m, (N,); negative if they overlap."""
         return ahead.position_m - ahead.tail_m - self.position_m - self.nose_m
@@ -53,6 +74,10 @@ class Driver(Frozen):
     can_lead: ClassVar[bool] = False
     """Whether it can drive with nobody ahead of it. A kind says so itself; the others are followers, and
     refused for the car that is first in its lane."""
+
+    stacks: ClassVar[bool] = False
+    """Whether its code takes, for any number among its fields, an array (N,) with one for each simulation, to
+    the same bits: then simulations that differ in these numbers are asked together. Of shipped kinds."""
 
     kind: Any
 

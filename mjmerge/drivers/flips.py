@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import ceil
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -18,6 +17,8 @@ class Flips(Driver):
 
     Behind a leader that stands it opens its gap by reversing; ``idm`` never does.
     """
+
+    stacks: ClassVar[bool] = True
 
     kind: Literal["flips"] = "flips"
     closed_gap_m: float = Field(gt=0)
@@ -41,8 +42,10 @@ class Flips(Driver):
 
     def draw(self, rngs: Sequence[np.random.Generator], duration_s: float) -> Array:
         """Times of the flips, s, (N, K), increasing along the last axis."""
-        count = ceil(duration_s / self.hold_min_s) + 1
-        return np.stack([np.cumsum(rng.uniform(self.hold_min_s, self.hold_max_s, count)) for rng in rngs])
+        least, most = (np.broadcast_to(hold_s, len(rngs)) for hold_s in (self.hold_min_s, self.hold_max_s))
+        count = int(np.ceil(duration_s / least.min())) + 1  # those beyond the end do not matter
+        drawn = zip(rngs, least.tolist(), most.tolist(), strict=True)
+        return np.stack([np.cumsum(rng.uniform(low, high, count)) for rng, low, high in drawn])
 
     def random(self, duration_s: float) -> bool:
         """See :meth:`Driver.random`: the times are, if there are any, and if they matter."""

@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 from math import cos, pi, sin
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from mjmerge.config.frozen import Frozen
-from mjmerge.drivers.base import Along, Driver, overlap
+from mjmerge.drivers.base import Along, Driver, Number, each, overlap
 from mjmerge.state import Array
 
 
-def _smooth_step(shape: str, x: float) -> tuple[float, float, float]:
-    """A step from 0 to 1 over 0 <= x <= 1 with its first two derivatives in x."""
-    if x >= 1.0:
-        return 1.0, 0.0, 0.0
+def _smooth_step(shape: str, x: Number) -> tuple[Number, Number, Number]:
+    """A step from 0 to 1 over 0 <= x <= 1 with its first two derivatives in x; at rest before and after."""
+    within = (x >= 0) & (x < 1)
+    at: Any = min(max(x, 0.0), 1.0) if isinstance(x, float) else np.minimum(np.maximum(x, 0.0), 1.0)
     if shape == "cubic":
-        return x * x * (3 - 2 * x), 6 * x * (1 - x), 6 - 12 * x
-    return x**3 * (10 - 15 * x + 6 * x * x), 30 * (x * (1 - x)) ** 2, 60 * x * (1 - x) * (1 - 2 * x)
+        return at * at * (3 - 2 * at), 6 * at * (1 - at), within * (6 - 12 * at)
+    cube, up = each(lambda one: one**3, at), at * (1 - at)
+    return cube * (10 - 15 * at + 6 * at * at), 30 * (up * up), 60 * at * (1 - at) * (1 - 2 * at)
 
 
 class Sway(Frozen):
@@ -55,6 +56,8 @@ class Gap(Driver):
     stands it opens its gap by reversing; ``idm`` never does.
     """
 
+    stacks: ClassVar[bool] = True
+
     kind: Literal["gap"] = "gap"
     gap_m: float = Field(gt=0)
     """Gap to start from, front axle to front axle, m."""
@@ -78,24 +81,24 @@ class Gap(Driver):
                     (f"starts at {move.start_s} s, before the move above it ends, at {end:g} s"),
                 )
 
-    def profile(self, time_s: float) -> tuple[float, float, float]:
+    def profile(self, time_s: float) -> tuple[Number, Number, Number]:
         """The intended gap and its first two time derivatives, (m, m/s, m/s^2)."""
-        gap, rate, acceleration = self.gap_m, 0.0, 0.0
+        gap: Number = self.gap_m
+        rate: Number = 0.0
+        acceleration: Number = 0.0
         if self.sway is not None:
             amplitude, w = self.sway.amplitude_m, 2 * pi / self.sway.period_s
             phase = w * time_s + self.sway.phase_rad
-            gap += amplitude * sin(phase)
-            rate += amplitude * w * cos(phase)
-            acceleration -= amplitude * w * w * sin(phase)
+            gap = gap + amplitude * each(sin, phase)
+            rate = amplitude * w * each(cos, phase)
+            acceleration = -amplitude * w * w * each(sin, phase)
         for move in self.moves:
-            if time_s < move.start_s:
-                break
             duration = move.duration_s
             s, s1, s2 = _smooth_step(move.step, (time_s - move.start_s) / duration)
             to = move.gap_m - gap
-            acceleration = (1 - s) * acceleration - 2 * s1 / duration * rate + s2 / duration**2 * to
+            acceleration = (1 - s) * acceleration - 2 * s1 / duration * rate + s2 / (duration * duration) * to
             rate = (1 - s) * rate + s1 / duration * to
-            gap += s * to
+            gap = gap + s * to
         return gap, rate, acceleration
 
     def switches(self, drawn: Array | None) -> Array:

@@ -13,13 +13,12 @@ A. Kesting, Traffic Flow Dynamics (Springer 2013), chapter 11.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import sqrt
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from mjmerge.drivers.base import FASTEST_MPS, Along, Driver
+from mjmerge.drivers.base import FASTEST_MPS, Along, Driver, Number
 from mjmerge.state import LEAST, Array, Mask
 
 
@@ -34,6 +33,7 @@ class Idm(Driver):
     """
 
     can_lead: ClassVar[bool] = True
+    stacks: ClassVar[bool] = True
 
     kind: Literal["idm"] = "idm"
     desired_speed_mps: Annotated[float, Field(gt=0, le=FASTEST_MPS)]
@@ -75,8 +75,8 @@ class Idm(Driver):
         stands: Mask = own.acceleration_mps2 <= -gain * own.speed_mps
         return stands
 
-    def _gain(self, hold_s: float) -> float:
-        return min(self.stop_gain_per_s, 1 / hold_s) if hold_s > 0 else self.stop_gain_per_s
+    def _gain(self, hold_s: float) -> Array | float:
+        return np.minimum(self.stop_gain_per_s, 1 / hold_s) if hold_s > 0 else self.stop_gain_per_s
 
     @np.errstate(over="ignore")  # what overflows is limited
     def acceleration_mps2(
@@ -86,11 +86,25 @@ class Idm(Driver):
         del time_s, drawn
         a, b = self.max_acceleration_mps2, self.comfortable_deceleration_mps2
         v = np.maximum(own.speed_mps, 0.0)
-        wanted = a * (1 - (v / self.desired_speed_mps) ** self.exponent)
+        wanted = a * (1 - _power(v / self.desired_speed_mps, self.exponent))
         if leader is not None:
-            closing = v * (own.speed_mps - leader.speed_mps) / (2 * sqrt(a * b))
+            closing = v * (own.speed_mps - leader.speed_mps) / (2 * np.sqrt(a * b))
             s_star = self.standstill_gap_m + np.maximum(v * self.time_gap_s + closing, 0.0)
             s = np.maximum(own.clear_to_m(leader), LEAST)
             wanted = wanted - a * (s_star / s) ** 2
         gain = self._gain(hold_s)
-        return np.maximum(wanted, np.clip(-gain * own.speed_mps, -self.limit_mps2, self.limit_mps2))
+        least = np.clip(-gain * own.speed_mps, -self.limit_mps2, self.limit_mps2)
+        answer: Array = np.maximum(wanted, least)
+        return answer
+
+
+def _power(base: Array, exponent: Number) -> Array:
+    """Powers, each to the bits that it has where all have its exponent: NumPy's depend on that."""
+    if not isinstance(exponent, np.ndarray):
+        alike: Array = base**exponent
+        return alike
+    found = np.empty_like(base)
+    exponents = np.broadcast_to(exponent, base.shape)
+    for one in np.unique(exponents).tolist():
+        found[exponents == one] = base[exponents == one] ** one
+    return found

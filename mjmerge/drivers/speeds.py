@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from mjmerge.config.frozen import Frozen
-from mjmerge.drivers.base import Along, Driver, Forwards, overlap
-from mjmerge.state import Array, Mask
+from mjmerge.drivers.base import Along, Driver, Forwards, Number, overlap
+from mjmerge.state import LEAST, Array, Mask
 
 
 class Change(Frozen):
@@ -33,6 +33,7 @@ class Speeds(Driver):
     """
 
     can_lead: ClassVar[bool] = True
+    stacks: ClassVar[bool] = True
 
     kind: Literal["speeds"] = "speeds"
     speed_mps: Forwards
@@ -42,7 +43,7 @@ class Speeds(Driver):
     gain_per_s: float = Field(default=2.0, gt=0)
     """How hard it goes back to the profile, 1/s."""
 
-    def _ramps(self) -> Iterator[tuple[float, float, float, float]]:
+    def _ramps(self) -> Iterator[tuple[Any, Any, Any, Any]]:
         """Start and end of each change, s, and the speeds it leads between, m/s."""
         before_mps = self.speed_mps
         for change in self.changes:
@@ -57,23 +58,29 @@ class Speeds(Driver):
                 late = f"before the change above it ends, at {end_s:g} s"
                 yield f"changes.{i}.start_s", f"starts at {start_s} s, {late}"
 
-    def profile_mps(self, time_s: float) -> float:
+    def profile_mps(self, time_s: float) -> Number:
         """The intended speed, m/s."""
-        speed_mps = self.speed_mps
+        speed_mps: Number = self.speed_mps
         for start_s, end_s, before_mps, after_mps in self._ramps():
-            if time_s >= end_s:
-                speed_mps = after_mps
-            elif time_s > start_s:
-                speed_mps += (after_mps - before_mps) * (time_s - start_s) / (end_s - start_s)
-        return speed_mps
+            if isinstance(end_s, float):  # one for all, and no arrays
+                if time_s >= end_s:
+                    speed_mps = after_mps
+                elif time_s > start_s:
+                    speed_mps += (after_mps - before_mps) * (time_s - start_s) / (end_s - start_s)
+                continue
+            lasts_s = np.maximum(end_s - start_s, LEAST)
+            on_the_way = speed_mps + (after_mps - before_mps) * (time_s - start_s) / lasts_s
+            before_it = time_s <= start_s
+            speed_mps = np.where(time_s >= end_s, after_mps, np.where(before_it, speed_mps, on_the_way))
+        return speed_mps if np.ndim(speed_mps) else float(speed_mps)
 
-    def rate_mps2(self, time_s: float, hold_s: float) -> float:
+    def rate_mps2(self, time_s: float, hold_s: float) -> Number:
         """The profile's own acceleration, m/s^2: its mean over the hold: at ticks, speeds are exact."""
         if hold_s > 0:
             return (self.profile_mps(time_s + hold_s) - self.profile_mps(time_s)) / hold_s
         for start_s, end_s, before_mps, after_mps in self._ramps():
             if start_s <= time_s < end_s:
-                return (after_mps - before_mps) / (end_s - start_s)
+                return float((after_mps - before_mps) / (end_s - start_s))
         return 0.0
 
     def switches(self, drawn: Array | None) -> Array:
@@ -83,8 +90,8 @@ class Speeds(Driver):
 
     def stands(self, time_s: float, own: Along, hold_s: float = 0.0) -> Mask:
         """See :meth:`Driver.stands`."""
-        goes = self.profile_mps(time_s) > 0 or self.profile_mps(time_s + hold_s) > 0
-        return np.full(len(own.speed_mps), not goes)
+        goes = (self.profile_mps(time_s) > 0) | (self.profile_mps(time_s + hold_s) > 0)
+        return np.broadcast_to(~np.asarray(goes), len(own.speed_mps))
 
     def acceleration_mps2(
         self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0
@@ -92,6 +99,11 @@ class Speeds(Driver):
         """See :meth:`Driver.acceleration_mps2`."""
         del leader, drawn
         v, wanted_mps, rate = own.speed_mps, self.profile_mps(time_s), self.rate_mps2(time_s, hold_s)
-        gain = min(self.gain_per_s, 1 / hold_s) if hold_s > 0 else self.gain_per_s
-        part = np.clip(v, 0.0, wanted_mps) / wanted_mps if rate < 0 < wanted_mps else 1.0
+        gain = np.minimum(self.gain_per_s, 1 / hold_s) if hold_s > 0 else self.gain_per_s
+        if isinstance(wanted_mps, float) and isinstance(rate, float):
+            one = np.clip(v, 0.0, wanted_mps) / wanted_mps if rate < 0 < wanted_mps else 1.0
+            alike: Array = rate * one + gain * (wanted_mps - v)
+            return alike
+        slows = (rate < 0) & (wanted_mps > 0)
+        part = np.where(slows, np.clip(v, 0.0, wanted_mps) / np.where(slows, wanted_mps, 1.0), 1.0)
         return rate * part + gain * (wanted_mps - v)

@@ -15,6 +15,7 @@ class Steady(Driver):
     """Keeps a speed: u = gain (speed - v)."""
 
     can_lead: ClassVar[bool] = True
+    stacks: ClassVar[bool] = True
 
     kind: Literal["steady"] = "steady"
     speed_mps: float = Field(ge=-FASTEST_MPS, le=FASTEST_MPS)
@@ -25,7 +26,7 @@ class Steady(Driver):
     def stands(self, time_s: float, own: Along, hold_s: float = 0.0) -> Mask:
         """See :meth:`Driver.stands`."""
         del time_s, hold_s
-        return np.full(len(own.speed_mps), self.speed_mps == 0)
+        return np.broadcast_to(np.equal(self.speed_mps, 0), len(own.speed_mps))
 
     def acceleration_mps2(
         self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0

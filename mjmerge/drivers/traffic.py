@@ -11,6 +11,7 @@ import numpy as np
 from mjmerge.drivers.base import Along, Driver
 from mjmerge.drivers.lane import keep_lane
 from mjmerge.drivers.outside import ask
+from mjmerge.drivers.several import Together, together
 from mjmerge.errors import MjmergeError
 from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.datasheet import DataSheet
@@ -46,17 +47,15 @@ class Traffic:
     """The neighbours of N simulations.
 
     Attributes:
-        drivers: of each neighbour, C-1 of them.
+        drivers: of each neighbour, C-1 of them: those who are asked together, and what they drew.
         ahead: whom each follows, by its place among them; ``None`` for one that has nobody ahead.
-        drawn: what each driver's ``draw`` gave.
         lanes_m: where each neighbour's lane is across the road, m, (N, C-1).
         sheets: each neighbour's data sheet: what drivers can know of how long the cars are.
         hold_s: how long an intention is held, s: the control step; 0 in continuous time.
     """
 
-    drivers: tuple[Driver, ...]
+    drivers: tuple[tuple[Together, ...], ...]
     ahead: tuple[int | None, ...]
-    drawn: tuple[Array | None, ...]
     lanes_m: Array
     sheets: tuple[DataSheet, ...]
     hold_s: float
@@ -64,7 +63,7 @@ class Traffic:
     @classmethod
     def of(
         cls,
-        drivers: tuple[Driver, ...],
+        drivers: Sequence[tuple[Driver, ...]],
         seeds: Sequence[int],
         duration_s: float,
         starts_m: Array,
@@ -75,10 +74,11 @@ class Traffic:
         """Draws what is random, from one generator per seed and driver.
 
         Args:
-            drivers: of each neighbour.
+            drivers: of each neighbour, in each simulation, (N, C-1).
             seeds: of each simulation.
             duration_s: how long a run is, s.
-            starts_m: where the neighbours' front axles are at t = 0, m, (N, C-1, 2).
+            starts_m: where the neighbours' front axles are at t = 0, m, (N, C-1, 2); who follows whom is the
+                same in all.
             sheets: each neighbour's data sheet.
             hold_s: how long an intention is held, s.
             two: the law's leader and follower, see :func:`ahead`.
@@ -87,14 +87,22 @@ class Traffic:
             MjmergeError: a driver follows, and has nobody to follow.
         """
         follows = ahead(starts_m[0].tolist(), sheets, two)
-        for driver, leader in zip(drivers, follows, strict=True):
-            if leader is None and not driver.can_lead:
-                raise MjmergeError(f"{driver.kind!r} follows the car ahead: it cannot drive one without any")
-        drawn = tuple(
-            ask(driver, "draw", [np.random.default_rng([seed, j]) for seed in seeds], duration_s)
-            for j, driver in enumerate(drivers)
-        )
-        return cls(drivers, follows, drawn, starts_m[..., 1], tuple(sheets), hold_s)
+        asked = []
+        for j, (of_one, leader) in enumerate(zip(zip(*drivers, strict=True), follows, strict=True)):
+            found = together(of_one)
+            for one in found:
+                if leader is None and not one.driver.can_lead:
+                    raise MjmergeError(
+                        f"{one.driver.kind!r} follows the car ahead: it cannot drive one without any"
+                    )
+            rngs = np.array([np.random.default_rng([seed, j]) for seed in seeds], dtype=object)
+            asked.append(
+                tuple(
+                    replace(one, drawn=ask(one.driver, "draw", list(rngs[one.rows]), duration_s))
+                    for one in found
+                )
+            )
+        return cls(tuple(asked), follows, starts_m[..., 1], tuple(sheets), hold_s)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -105,10 +113,9 @@ class Traffic:
         return tuple(order)
 
     def alone(self, run: int) -> Traffic:
-        """The traffic of one of the simulations."""
-        row = slice(run, run + 1)
-        drawn = tuple(None if values is None else values[row] for values in self.drawn)
-        return replace(self, drawn=drawn, lanes_m=self.lanes_m[row])
+        """The traffic of one of the simulations, all of which have the same drivers."""
+        drivers = tuple(tuple(one.alone(run) for one in of_one) for of_one in self.drivers)
+        return replace(self, drivers=drivers, lanes_m=self.lanes_m[run : run + 1])
 
     def intend(self, cars: Cars, time_s: float) -> Array:
         """What the neighbours intend: their drivers decide along the road, lane keeping across it.
@@ -120,12 +127,14 @@ class Traffic:
         u_j = np.zeros(p.shape)
         decided: dict[int, Along] = {}
         for j in self.order:
-            driver, sheet, leader = self.drivers[j], self.sheets[j], self.ahead[j]
+            sheet, leader = self.sheets[j], self.ahead[j]
             nose_m, tail_m = sheet.front_overhang_m, sheet.length_m - sheet.front_overhang_m
             intended = u_j[:, j, 0]  # a view: holds the acceleration once it is decided
             own = Along(p[:, j, 0], v[:, j, 0], intended, nose_m, tail_m)
-            before = None if leader is None else decided[leader]
-            intended[:] = ask(driver, "acceleration_mps2", time_s, own, before, self.drawn[j], self.hold_s)
+            for one in self.drivers[j]:
+                before = None if leader is None else decided[leader].of(one.rows)
+                asked = time_s, own.of(one.rows), before, one.drawn, self.hold_s
+                intended[one.rows] = ask(one.driver, "acceleration_mps2", *asked)
             decided[j] = own
         u_j[..., 1] = keep_lane(self.lanes_m, p[..., 1], v[..., 1])
         return u_j
@@ -134,15 +143,17 @@ class Traffic:
         """Which of all cars' drivers mean to stand, (N, C), given what they intend; the ego has none."""
         p, v = cars.front_m[..., 0], cars.velocity_mps[..., 0]
         found = np.zeros(p.shape, dtype=bool)
-        for j, driver in enumerate(self.drivers):
+        for j, of_one in enumerate(self.drivers):
             own = Along(p[:, j + 1], v[:, j + 1], u_j[:, j, 0])
-            found[:, j + 1] = ask(driver, "stands", time_s, own, self.hold_s)
+            for one in of_one:
+                found[one.rows, j + 1] = ask(one.driver, "stands", time_s, own.of(one.rows), self.hold_s)
         return found
 
     def switches(self) -> Array:
         """When some intention may jump, in a single simulation, s, increasing."""
         times = [
-            ask(driver, "switches", None if drawn is None else drawn[0])
-            for driver, drawn in zip(self.drivers, self.drawn, strict=True)
+            ask(one.driver, "switches", None if one.drawn is None else one.drawn[0])
+            for of_one in self.drivers
+            for one in of_one
         ]
         return np.unique(np.concatenate(times))

@@ -24,6 +24,7 @@ from mjmerge.law.opinion_dynamics.law import OpinionDynamics
 from mjmerge.law.opinion_dynamics.variants import VARIANTS
 from mjmerge.law.outside import AbsentLaw, let_in
 from mjmerge.law.sensed import Geometry, Sensed, geometry
+from mjmerge.law.several import Laws
 
 __all__ = [
     "VARIANTS",
@@ -32,6 +33,7 @@ __all__ = [
     "Flow",
     "Geometry",
     "Law",
+    "Laws",
     "Memory",
     "OpinionDynamics",
     "Seen",

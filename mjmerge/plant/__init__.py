@@ -12,7 +12,6 @@ from importlib import import_module
 from mjmerge.errors import ModelError, UnknownNameError
 from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.roster import PLANTS
-from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.world.model import World
 
@@ -30,22 +29,19 @@ def check(name: str, scenario: Scenario) -> None:
         )
 
 
-def make(
-    name: str, scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int
-) -> Plant:
+def make(name: str, scenarios: Sequence[Scenario], world: World | None, threads: int) -> Plant:
     """The plant of that name, at t = 0.
 
     Args:
         name: one of :data:`PLANTS`.
-        scenario: initial state and steps.
+        scenarios: of each of the N simulations; they differ in initial state and mismatch at most.
         world: the compiled world; only ``mujoco`` needs it.
-        mismatch: what is different in truth in each of the N simulations.
         threads: threads for the physics, 0 for all cores.
 
     Raises:
         UnknownNameError: there is no such plant.
         ModelError: it has no cars of that size.
     """
-    check(name, scenario)
-    plant: Plant = import_module(f"mjmerge.plant.{name}").make(scenario, world, mismatch, threads)
+    check(name, scenarios[0])
+    plant: Plant = import_module(f"mjmerge.plant.{name}").make(scenarios, world, threads)
     return plant

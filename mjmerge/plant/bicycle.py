@@ -7,9 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mjmerge.plant.base import Fault
-from mjmerge.plant.kinematic import Arrivals, no_bodies, runaway, standing, start
+from mjmerge.plant.kinematic import Arrivals, mismatches, no_bodies, runaway, standing, start
 from mjmerge.scenario.cars import car_sheets
-from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask
 from mjmerge.vehicle.bicycle import derivative, front_velocity
@@ -81,16 +80,17 @@ class Bicycle:
         return standing(self._world, self.observe())
 
 
-def make(scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int) -> Bicycle:
+def make(scenarios: Sequence[Scenario], world: World | None, threads: int) -> Bicycle:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     del threads
-    return Bicycle(*upright(scenario, len(mismatch)), Arrivals(mismatch, scenario.control_step_s), world)
+    arrivals = Arrivals(mismatches(scenarios), scenarios[0].control_step_s)
+    return Bicycle(*upright(scenarios), arrivals, world)
 
 
-def upright(scenario: Scenario, runs: int) -> tuple[Array, Array]:
+def upright(scenarios: Sequence[Scenario]) -> tuple[Array, Array]:
     """State of N simulations at t = 0, (N, C, 5), and the wheelbases, m, (C,)."""
-    front_m, speed_mps = start(scenario, runs)
-    wheelbase = np.array([sheet.wheelbase_m for sheet in car_sheets(scenario)])
+    front_m, speed_mps = start(scenarios)
+    wheelbase = np.array([sheet.wheelbase_m for sheet in car_sheets(scenarios[0])])
     state = np.zeros((*speed_mps.shape, 5))
     state[..., 0] = front_m[..., 0] - wheelbase
     state[..., 1] = front_m[..., 1]

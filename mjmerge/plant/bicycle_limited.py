@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from mjmerge.plant.bicycle import Bicycle, upright
-from mjmerge.plant.kinematic import Arrivals
+from mjmerge.plant.kinematic import Arrivals, mismatches
 from mjmerge.scenario.cars import car_sheets
-from mjmerge.scenario.mismatch import Mismatch, column
+from mjmerge.scenario.mismatch import column
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls
 from mjmerge.vehicle.actuation import CRAWL_MPS, UNMOVED_MPS2, BelievedCars, resistance_n
@@ -60,12 +60,10 @@ class LimitedBicycle(Bicycle):
             yield duration_s, (a, (told[..., 1] + askew) / self._arrivals.step_s)
 
 
-def make(
-    scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int
-) -> LimitedBicycle:
+def make(scenarios: Sequence[Scenario], world: World | None, threads: int) -> LimitedBicycle:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     del threads
-    state, wheelbase = upright(scenario, len(mismatch))
-    cars = BelievedCars.of(car_sheets(scenario), limited=True)
-    arrivals, askew = Arrivals(mismatch, scenario.control_step_s), column(mismatch, "steer_offset_rad")
+    (state, wheelbase), mismatch = upright(scenarios), mismatches(scenarios)
+    cars = BelievedCars.of(car_sheets(scenarios[0]), limited=True)
+    arrivals, askew = Arrivals(mismatch, scenarios[0].control_step_s), column(mismatch, "steer_offset_rad")
     return LimitedBicycle(state, wheelbase, arrivals, world, cars, askew)

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjmerge.plant.base import Fault
-from mjmerge.plant.kinematic import Arrivals, no_bodies, runaway, standing, start
-from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.plant.kinematic import Arrivals, mismatches, no_bodies, runaway, standing, start
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
 from mjmerge.world.model import World
@@ -70,11 +69,10 @@ class DoubleIntegrator:
         return standing(self._world, self.observe())
 
 
-def make(
-    scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int
-) -> DoubleIntegrator:
+def make(scenarios: Sequence[Scenario], world: World | None, threads: int) -> DoubleIntegrator:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     del threads
-    front_m, speed_mps = start(scenario, len(mismatch))
+    front_m, speed_mps = start(scenarios)
     velocity = np.stack([speed_mps, np.zeros_like(speed_mps)], axis=-1)
-    return DoubleIntegrator(front_m, velocity, Arrivals(mismatch, scenario.control_step_s), world)
+    arrivals = Arrivals(mismatches(scenarios), scenarios[0].control_step_s)
+    return DoubleIntegrator(front_m, velocity, arrivals, world)

@@ -54,12 +54,17 @@ class Arrivals:
         return [(older_for_s, late[0]), (self.step_s - older_for_s, late[1])]
 
 
-def start(scenario: Scenario, runs: int) -> tuple[Array, Array]:
+def start(scenarios: Sequence[Scenario]) -> tuple[Array, Array]:
     """Front-axle centres, m, (N, C, 2), and speeds along the road, m/s, (N, C), at t = 0."""
-    cars = scenario.starts
-    front = np.tile(np.array([c.front_m for c in cars], dtype=np.float64), (runs, 1, 1))
-    speed = np.tile(np.array([c.speed_mps for c in cars], dtype=np.float64), (runs, 1))
+    starts = [scenario.starts for scenario in scenarios]
+    front = np.array([[c.front_m for c in cars] for cars in starts], dtype=np.float64)
+    speed = np.array([[c.speed_mps for c in cars] for cars in starts], dtype=np.float64)
     return front, speed
+
+
+def mismatches(scenarios: Sequence[Scenario]) -> tuple[Mismatch, ...]:
+    """What is different in truth in each simulation, N of them."""
+    return tuple(scenario.mismatch for scenario in scenarios)
 
 
 def standing(world: World | None, cars: Cars) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mjmerge.plant.base import Fault
 from mjmerge.plant.contacts import Contacts
 from mjmerge.plant.hold import STILL, Brakes, Bristles, Holding
-from mjmerge.plant.kinematic import start
+from mjmerge.plant.kinematic import mismatches, start
 from mjmerge.plant.lag import Lag
 from mjmerge.plant.patch import Patch
 from mjmerge.plant.truth import Truth
@@ -360,8 +360,9 @@ class MuJoCo:
         return qpos
 
 
-def make(scenario: Scenario, world: World | None, mismatch: Sequence[Mismatch], threads: int) -> MuJoCo:
+def make(scenarios: Sequence[Scenario], world: World | None, threads: int) -> MuJoCo:
     """At t = 0; see :func:`mjmerge.plant.make`."""
     assert world is not None, "the mujoco plant stands in a world"
-    front_m, speed_mps = start(scenario, len(mismatch))
-    return MuJoCo(world, front_m, speed_mps, substeps=scenario.substeps, threads=threads, mismatch=mismatch)
+    (front_m, speed_mps), mismatch = start(scenarios), mismatches(scenarios)
+    substeps = scenarios[0].substeps
+    return MuJoCo(world, front_m, speed_mps, substeps=substeps, threads=threads, mismatch=mismatch)

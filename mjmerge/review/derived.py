@@ -238,7 +238,7 @@ def _neighbours(found: Recorded, trace: Trace, cars: Cars) -> tuple[Array, Mask]
     hold_s = 0.0 if trace.continuous else found.step_s
     seeds = [int(trace.seeds[0])]
     two = scenario.law.j_1, scenario.law.j_2
-    traffic = Traffic.of(drivers, seeds, scenario.duration_s, starts_m, trace.sheets[1:], hold_s, two)
+    traffic = Traffic.of([drivers], seeds, scenario.duration_s, starts_m, trace.sheets[1:], hold_s, two)
     intended, stand = [], []
     for k, tick in enumerate(found.ticks):
         now, time_s = at(cars, k), float(tick * found.step_s)

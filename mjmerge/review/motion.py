@@ -59,7 +59,7 @@ def _pairs(found: Recorded) -> Ticks:
 def _equation(found: Recorded, trace: Trace, cars: Cars) -> Check:
     """Every tick is the one before, moved on by the plant's equation under the recorded commands."""
     c, scenario = found.columns, trace.scenario
-    plant = make(trace.plant, scenario, None, trace.mismatch, threads=0)
+    plant = make(trace.plant, [scenario.model_copy(update={"mismatch": trace.mismatch[0]})], None, threads=0)
     ideal = trace.plant == "double_integrator"
     nothing = np.full((1, len(found.roster.cars), 2), np.nan)
     running: Mask = np.ones(1, bool)

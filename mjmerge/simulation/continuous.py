@@ -73,7 +73,7 @@ class Equation:
         self._law, self._initial = scenario.law, scenario.initial.opinion
         self._memory = _flow(scenario.law)
         self._traffic, self._believed, self._command = traffic, believed, _COMMANDS[plant]
-        self._plant = cast("Smooth", make(plant, scenario, None, (scenario.mismatch,), threads=0))
+        self._plant = cast("Smooth", make(plant, [scenario], None, threads=0))
         self._frame_mps = np.zeros(self._plant.state().shape[1:])
         leader = scenario.starts[1 + scenario.law.j_1]
         self._frame_mps[:, 0] = leader.speed_mps  # every plant's state begins with its x

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -157,6 +157,11 @@ class Log:
             **{name: values for name, values in self.columns.items() if name not in own},
             signals={name: self.columns[name] for name in own},
         )
+
+    def each(self, scenarios: Sequence[Scenario]) -> list[Trace]:
+        """Each simulation's trace, with a scenario of its own."""
+        whole = self.finish()
+        return [whole.alone(run, scenario) for run, scenario in enumerate(scenarios)]
 
 
 def block_ticks(control_step_s: float, block_s: float = BLOCK_S) -> int:

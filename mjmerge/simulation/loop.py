@@ -8,7 +8,7 @@ import numpy as np
 
 from mjmerge.config.bounds import check_runs
 from mjmerge.drivers import Traffic
-from mjmerge.law import Decision, Geometry, Law, Memory, Sensed, decided, geometry, remembered
+from mjmerge.law import Decision, Geometry, Law, Laws, Memory, Sensed, geometry
 from mjmerge.law.base import OWN_DISTANCES
 from mjmerge.plant import check, make
 from mjmerge.scenario.cars import believed_sheets, car_sheets
@@ -30,7 +30,6 @@ Case = tuple[int, Mismatch]
 _PROGRESS_TICKS = 20
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what stopped may hold anything, unrecorded
 def simulate(
     scenario: Scenario,
     plant: str = "mujoco",
@@ -79,28 +78,65 @@ def simulate(
     if cases is None:
         check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
         cases = [(seed + i, scenario.mismatch) for i in range(runs)]
-    given, mismatch = zip(*cases, strict=True)
-    runs = len(cases)
-    check_runs(scenario, runs, (min(given), max(given)), mismatch)
-    seeds = np.array(given, dtype=np.int64)
+    seeds, mismatch = zip(*cases, strict=True)
+    check_runs(scenario, len(cases), (min(seeds), max(seeds)), mismatch)
+    each = [scenario.model_copy(update={"mismatch": truth}) for truth in mismatch]
+    log = run(
+        scenario, each, seeds, plant,
+        threads=threads, world=world, sink=sink, live=live, progress=progress, continuous=continuous,
+    )  # fmt: skip
+    return log.finish()
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what stopped may hold anything, unrecorded
+def run(
+    scenario: Scenario,
+    each: Sequence[Scenario],
+    seeds: Sequence[int],
+    plant: str,
+    *,
+    threads: int = 0,
+    world: World | None = None,
+    sink: Sink | None = None,
+    live: Sink | None = None,
+    progress: Callable[[float], None] | None = None,
+    continuous: bool = False,
+) -> Log:
+    """Runs N simulations to their end, which may differ in what :func:`alike` leaves open.
+
+    Args:
+        scenario: what they have in common.
+        each: the scenario of each, N of them.
+        seeds: of each.
+        plant: see :func:`simulate`, as the others.
+        threads: for the physics.
+        world: of all.
+        sink: gets simulation 0.
+        live: likewise.
+        progress: called with the simulated time, s.
+        continuous: in continuous time.
+    """
+    runs, mismatch = len(each), tuple(one.mismatch for one in each)
     if world is None and (plant == "mujoco" or sink is not None or live is not None):
         world = build(scenario, mismatch)
-    law, h = scenario.law, scenario.control_step_s
-    names, j_1 = scenario.roster.cars, law.j_1
-    moving = make(plant, scenario, world, mismatch, threads)
-    sense = Sensing(() if continuous else mismatch, seeds.tolist(), h, len(names) - 1)
+    laws, h = Laws.of([one.law for one in each]), scenario.control_step_s
+    law, names, j_1 = laws.first, scenario.roster.cars, laws.first.j_1
+    moving = make(plant, each, world, threads)
+    sense = Sensing(() if continuous else mismatch, seeds, h, len(names) - 1)
     sheets = tuple(believed_sheets(scenario))
     starts_m, hold_s = moving.observe().front_m[:, 1:], 0.0 if continuous else h
     traffic = Traffic.of(
-        scenario.neighbours, seeds.tolist(), scenario.duration_s, starts_m, sheets[1:], hold_s, (j_1, law.j_2)
-    )
+        [one.neighbours for one in each], seeds, scenario.duration_s, starts_m, sheets[1:], hold_s,
+        (j_1, law.j_2),
+    )  # fmt: skip
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     foresee = foresight(scenario, plant, continuous=continuous)
-    memory, made_own = law.start(runs, scenario.initial.opinion), set(OWN_DISTANCES) <= set(law.gives)
+    memory, made_own = laws.start([one.initial.opinion for one in each]), set(OWN_DISTANCES) <= set(law.gives)
     running = np.ones(runs, dtype=bool)
     log = Log(
-        scenario, plant, seeds, sheets, mismatch, sink, live, continuous=continuous, told_truth=sense.exact
-    )
+        scenario, plant, np.array(seeds, dtype=np.int64), sheets, mismatch, sink, live,
+        continuous=continuous, told_truth=sense.exact,
+    )  # fmt: skip
     if continuous:
         from mjmerge.simulation.continuous import solve  # scipy takes its time to import
 
@@ -122,11 +158,11 @@ def simulate(
         seen, u_1 = sense(cars, u_j[:, j_1])
         ahead = foresee(seen)
         sensed = Sensed.of(ahead, u_1)
-        decision = decided(law, sensed, memory, 0.0 if continuous else h)
-        for run, why in decision.failed.items():
-            if running[run]:
-                running[run] = False
-                log.stop(Stop(run, t, names[0], why))
+        decision = laws.decide(sensed, memory, 0.0 if continuous else h)
+        for one, why in decision.failed.items():
+            if running[one]:
+                running[one] = False
+                log.stop(Stop(one, t, names[0], why))
         truth = geometry(law, Sensed.of(cars, u_j[:, j_1]))
 
         # actuate
@@ -146,9 +182,9 @@ def simulate(
             progress(t)
 
         # step
-        memory = flow.memory() if continuous else remembered(law, memory, decision, h)
+        memory = flow.memory() if continuous else laws.remembered(memory, decision, h)
         moving.step(controls, running)
-    return log.finish()
+    return log
 
 
 def _told(seen: Cars, u_1: Array) -> dict[str, Array]:

@@ -7,7 +7,7 @@ fills it, the recorders write it, and the documentation lists it from this decla
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, get_type_hints
 
 import numpy as np
@@ -159,6 +159,24 @@ class Trace:
 
     signals: Mapping[str, Array] = field(default_factory=dict)
     """What the law records beside that, by name, as :attr:`Law.signals` declares it, each (N, T, ...)."""
+
+    def alone(self, run: int, scenario: Scenario) -> Trace:
+        """One of the simulations as a trace of its own: views of this one's columns.
+
+        Args:
+            run: which.
+            scenario: what it was a run of.
+        """
+        row = slice(run, run + 1)
+        return replace(
+            self,
+            scenario=scenario,
+            seeds=self.seeds[row],
+            mismatch=self.mismatch[row],
+            stops=tuple(replace(stop, run=0) for stop in self.stops if stop.run == run),
+            **{column.name: getattr(self, column.name)[row] for column in COLUMNS},
+            signals={name: values[row] for name, values in self.signals.items()},
+        )
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -358,10 +358,11 @@ def test_who_needs_somebody_ahead_is_refused_where_there_is_nobody(kind):
     driver, sheets = example(kind), car_sheets(load("paper"))[1:]
     drivers = driver, Steady(speed_mps=2.0)
     if driver.can_lead:
-        assert Traffic.of(drivers, [0], 10.0, np.zeros((1, 2, 2)), sheets, 0.01).drivers == drivers
+        traffic = Traffic.of([drivers], [0], 10.0, np.zeros((1, 2, 2)), sheets, 0.01)
+        assert tuple(one.driver for (one,) in traffic.drivers) == drivers
     else:
         with pytest.raises(MjmergeError, match=f"'{kind}' follows the car ahead"):
-            Traffic.of(drivers, [0], 10.0, np.zeros((1, 2, 2)), sheets, 0.01)
+            Traffic.of([drivers], [0], 10.0, np.zeros((1, 2, 2)), sheets, 0.01)
 
 
 def test_lane_keeping_pulls_back_without_crossing_the_lane():

@@ -54,7 +54,7 @@ def coasting(runs):
 def crash(s, ticks):
     """Impulses and speeds of every tick, (T, P), and the cars' momenta before and after, (T + 1, C, 2)."""
     world = build(s)
-    plant = make("mujoco", s, world, (s.mismatch,), 1)
+    plant = make("mujoco", [s], world, 1)
     model = world.model
     chassis = [model.body(f"{car}/chassis").id for car in CARS]
 

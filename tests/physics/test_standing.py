@@ -135,7 +135,7 @@ def test_all_three_cars_of_a_world_stand_the_ego_with_late_commands_too(car):
         + ["initial.vehicle_2.front_m=[-20.0, 0.0]", "initial.ego.front_m=[-10.0, 3.0]"],
     )
     world = build(scenario, slopes)
-    plant = make("mujoco", scenario, world, slopes, 1)
+    plant = make("mujoco", [scenario.model_copy(update={"mismatch": m}) for m in slopes], world, 1)
     believed = BelievedCars.of(world.sheets, limited=True)
     running, rows = np.ones(len(slopes), dtype=bool), []
     for _ in range(50):

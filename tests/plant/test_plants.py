@@ -31,7 +31,7 @@ def world():
 
 
 def made(name, world, runs=1, threads=1):
-    return plants.make(name, FLIPS, world, (FLIPS.mismatch,) * runs, threads)
+    return plants.make(name, [FLIPS] * runs, world, threads)
 
 
 def controls(runs, u=(0.0, 0.0)):

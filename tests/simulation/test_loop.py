@@ -308,12 +308,13 @@ def test_progress_tells_simulated_time_in_order():
 
 
 def test_the_law_is_given_what_is_sensed_and_its_memory_and_nothing_else(monkeypatch, short_world):
-    loop = import_module("mjmerge.simulation.loop")
-    calls, decided = [], loop.decided
-    monkeypatch.setattr(loop, "decided", lambda *given: calls.append(given) or decided(*given))
+    asks = import_module("mjmerge.law.several")
+    calls, decided = [], asks.decided
+    monkeypatch.setattr(asks, "decided", lambda *given: calls.append(given) or decided(*given))
     scenario = load("paper", ["duration_s=0.1", "mismatch.friction=0.3"])
     trace = simulate(scenario, "mujoco", world=build(scenario))
     assert {f.name for f in fields(Sensed)} == {"p", "v", "p_j", "v_j", "u_1"}
+    assert len(calls) == trace.time_s.size
     for k, (law, sensed, memory, step_s) in enumerate(calls):
         assert law is scenario.law
         assert type(sensed) is Sensed

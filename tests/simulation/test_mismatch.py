@@ -20,7 +20,7 @@ from mjmerge.world.compose import build
 
 CARS = roster().cars
 
-loop = import_module("mjmerge.simulation.loop")
+loop, several = (import_module(f"mjmerge.{name}") for name in ("simulation.loop", "law.several"))
 NOTHING = Mismatch()
 PHYSICS = {name for name in Mismatch.model_fields if name not in SENSING}
 HAND_MADE = (
@@ -102,8 +102,8 @@ class Heard:
 
     def __init__(self, monkeypatch):
         self.calls = {"decided": [], "actuate": []}
-        for name, calls in self.calls.items():
-            monkeypatch.setattr(loop, name, self._listening(getattr(loop, name), calls))
+        for room, (name, calls) in zip((several, loop), self.calls.items(), strict=True):
+            monkeypatch.setattr(room, name, self._listening(getattr(room, name), calls))
 
     def _listening(self, function, calls):
         def heard(*args):
@@ -174,7 +174,9 @@ def told(runs, u=0.0, a=0.0, omega=0.0, torque=0.0, steer=0.0):
 def test_the_ego_does_what_it_was_told_a_dead_time_ago(name):
     """v(t) = v(0) + U(t - tau), U the integral of the command; also for parts of a control step."""
     delays = np.array([0.0, 0.01, 0.05, 0.013, 0.0275])
-    plant = make(name, SHORT, None, [Mismatch(command_delay_s=d) for d in delays], 1)
+    plant = make(
+        name, [SHORT.model_copy(update={"mismatch": Mismatch(command_delay_s=d)}) for d in delays], None, 1
+    )
     rng, h, ticks = np.random.default_rng(3), SHORT.control_step_s, 12
     commands, running = rng.normal(size=ticks), np.ones(len(delays), dtype=bool)
     integral = np.concatenate([[0.0], np.cumsum(commands) * h])

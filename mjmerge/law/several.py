@@ -1,0 +1,87 @@
+"""The laws of many simulations, asked together: those of one kind that differ in their own keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mjmerge.law.asked import decided, remembered
+from mjmerge.law.base import Decision, Law, Memory
+from mjmerge.law.sensed import Sensed
+from mjmerge.state import Array
+
+COMMON = ("leader", "follower", "r_m", "eps_v_mps")
+"""Keys of every law that are the same in laws that are asked together: what distances are measured by."""
+
+
+@dataclass(frozen=True)
+class Laws:
+    """The laws of N simulations; each is asked once for those simulations that it is the law of.
+
+    Attributes:
+        parts: each law, and its simulations, (M,).
+        runs: how many simulations, N.
+    """
+
+    parts: tuple[tuple[Law, NDArray[np.intp]], ...]
+    runs: int
+
+    @classmethod
+    def of(cls, laws: Sequence[Law]) -> Laws:
+        """From the law of each simulation, (N,); all of a kind, alike in ``COMMON``."""
+        found: list[tuple[Law, list[int]]] = []
+        for run, law in enumerate(laws):
+            for other, members in found:
+                if law is other or law == other:
+                    members.append(run)
+                    break
+            else:
+                found.append((law, [run]))
+        return cls(tuple((law, np.array(members)) for law, members in found), len(laws))
+
+    @property
+    def first(self) -> Law:
+        """The first of them, which stands for what all have in common."""
+        return self.parts[0][0]
+
+    def start(self, initial: Sequence[Mapping[str, float]]) -> Memory:
+        """What they remember at t = 0, given ``z`` and ``mu`` of each simulation; see :meth:`Law.start`."""
+        if len(self.parts) == 1 and all(one == initial[0] for one in initial):
+            return self.first.start(self.runs, initial[0])
+        rows: list[Memory] = [{}] * self.runs
+        for law, members in self.parts:
+            for run in members.tolist():
+                rows[run] = law.start(1, initial[run])
+        return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+
+    def decide(self, seen: Sensed, memory: Memory, step_s: float) -> Decision:
+        """What they decide, and remember a control step later."""
+        if len(self.parts) == 1:
+            return decided(self.first, seen, memory, step_s)
+        u = np.empty((self.runs, 2))
+        signals: dict[str, Array] = {}
+        after: dict[str, Array] = {}
+        failed: dict[int, str] = {}
+        for law, members in self.parts:
+            mine = {name: values[members] for name, values in memory.items()}
+            one = decided(law, Sensed(**{n: v[members] for n, v in vars(seen).items()}), mine, step_s)
+            u[members] = one.u
+            _put(signals, one.signals, members, self.runs)
+            _put(after, remembered(law, mine, one, step_s), members, self.runs)
+            failed |= {int(members[run]): why for run, why in one.failed.items()}
+        return Decision(u, signals, after=after, failed=failed)
+
+    def remembered(self, memory: Memory, decision: Decision, step_s: float) -> Memory:
+        """What they remember a control step later."""
+        return remembered(self.first, memory, decision, step_s)
+
+
+def _put(whole: dict[str, Array], part: Mapping[str, Array], members: NDArray[np.intp], runs: int) -> None:
+    """Puts rows of some simulations into arrays of all."""
+    for name, values in part.items():
+        if name not in whole:
+            whole[name] = np.full((runs, *values.shape[1:]), np.nan, dtype=values.dtype)
+        whole[name][members] = values
