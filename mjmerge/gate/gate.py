@@ -164,7 +164,7 @@ def run(
     for (file, plant, _), group in groupby(these, _alike):
         batch, known, began = list(group), before_all[file], time.perf_counter()
         scenario = batch[0].scenario
-        cases = [(0, acting(row.scenario, plant).mismatch) for row in batch]
+        cases = [(row.check.seed, acting(row.scenario, plant).mismatch) for row in batch]
         trace = simulate(scenario.settled(), plant, cases=cases, threads=threads)
         verdicts, metrics = judge(trace), own.measured(trace)
         found = zip(

@@ -38,7 +38,8 @@ class RowResult:
             else str(self.file)
         )
         keys = [word for text in self.check.set for word in ("--set", text)]
-        return shlex.join(["mjmerge", "run", where, "--plant", self.check.plant, *keys])
+        seed = ["--seed", str(self.check.seed)] if self.check.seed else []
+        return shlex.join(["mjmerge", "run", where, "--plant", self.check.plant, *seed, *keys])
 
 
 @dataclass(frozen=True)

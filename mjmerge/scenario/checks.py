@@ -20,6 +20,7 @@ from mjmerge.law.asked import problems
 from mjmerge.roster import neighbour, roster
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Models
+from mjmerge.scenario.space import Space
 from mjmerge.vehicle.datasheet import DataSheet
 
 
@@ -232,6 +233,34 @@ def _nowhere(initial: Initial, section: Drivers | Models, key: str) -> Iterator[
         yield Problem(f"there is no {car} under initial: nobody knows where it starts", f"{key}.{car}")
 
 
+def _search(search: Space | None, initial: Initial, duration_s: float) -> Iterator[Problem]:
+    """Ranges are ranges, and each neighbour that may do something is there and has time for it."""
+    if search is None:
+        return
+    for key, spread in search.axes.items():
+        for below, message in spread.problems():
+            yield Problem(message, f"search.axes.{key}{'.' if below else ''}{below}")
+    there = initial.roster.neighbours
+    named = ["vehicle_1", "vehicle_2", *search.neighbours.further]
+    for car in named:
+        may, at = search.neighbours.of(car), f"search.neighbours.{car}"
+        if may is None:
+            continue
+        if car not in there:
+            yield Problem(f"there is no {car} under initial: {nearest(car, there)}", at)
+        if (may.gap_m is None) == (may.speed_mps is None):
+            yield Problem("must have one of gap_m (behind another) and speed_mps (with nobody ahead)", at)
+        for name, pair in (("gap_m", may.gap_m), ("speed_mps", may.speed_mps)):
+            if pair is not None and not 0 <= pair[0] <= pair[1]:
+                yield Problem(
+                    f"must go from a smaller to a larger number, from 0 on, got {pair}", f"{at}.{name}"
+                )
+        if may.from_s >= duration_s:
+            yield Problem(
+                f"must be less than the duration ({duration_s} s), got {may.from_s}", f"{at}.from_s"
+            )
+
+
 _CHECKS = (
     _numbers,
     _driven,
@@ -246,4 +275,5 @@ _CHECKS = (
     _metrics,
     _bounds,
     _gate,
+    _search,
 )

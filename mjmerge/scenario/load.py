@@ -125,7 +125,7 @@ def _check_texts(given: object) -> None:
 def dump(scenario: Scenario) -> str:
     """The scenario as YAML with every default written out; loading it gives an equal scenario.
 
-    But for metrics, which are not named where there are none.
+    But for metrics and a search, which are not named where there are none.
     """
     yaml = YAML(typ="safe", pure=True)
     yaml.Representer = _Representer
@@ -136,6 +136,8 @@ def dump(scenario: Scenario) -> str:
     for section in (plain, plain["expect"], *plain["gate"]):
         if not section["metrics"]:
             del section["metrics"]
+    if plain["search"] is None:
+        del plain["search"]
     text = io.StringIO()
     yaml.dump(plain, text)
     return text.getvalue()

@@ -16,13 +16,14 @@ from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, Valida
 from mjmerge import drivers as _drivers
 from mjmerge import law as _laws
 from mjmerge.config.acts import BODIES, LIMITS, WHEELS, Acts
-from mjmerge.config.bounds import LONGEST_S
+from mjmerge.config.bounds import LONGEST_S, MOST_SEED
 from mjmerge.config.doors import Code
 from mjmerge.config.frozen import Frozen, Further, NonNegative, PerCar, Positive
 from mjmerge.config.units import Unit, rescaled
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.roster import EGO, Roster, in_order
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.space import Space
 from mjmerge.vehicle.datasheet import DataSheet
 
 if TYPE_CHECKING:
@@ -177,6 +178,8 @@ class GateRow(Frozen):
     """What the row is called."""
     plant: str = "mujoco"
     """What moves the cars."""
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 0
+    """Of the run: of its noise, and of what a neighbour decides by chance."""
     set: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Keys that are different in this row, as on the command line: mismatch.friction=0.3."""
     at_least_m: float
@@ -222,6 +225,10 @@ class Scenario(Frozen):
         Acts(on=(), only="it is read by `mjmerge check` alone"),
     ] = ()
     """Rows of the regression gate, see ``mjmerge check``."""
+    search: Annotated[
+        Space | None, Acts(on=(), only="it is read by `mjmerge falsify`, `probability` and `harden` alone")
+    ] = None
+    """Where failures are looked for, see ``mjmerge falsify``."""
 
     _name: str = PrivateAttr(default="scenario")
     _recorded: tuple[Models, tuple[DataSheet, ...]] | None = PrivateAttr(default=None)
@@ -312,8 +319,9 @@ class Scenario(Frozen):
         Accelerations stay, so that gravity and friction keep their meaning; everything else follows from its
         unit (k_o is a velocity, k_p is 1/s^2, ...). On the ideal plants the run is the same run at the other
         scale, with cars of that size (``models.size``). Physical cars come in their own size: for ``mujoco``,
-        choose models of the new one. The regression gate is left behind, and how the neighbours keep their
-        lane is not scaled. Bounds of metrics are, where their names end with a unit of lengths and times.
+        choose models of the new one. The regression gate and the search are left behind, and how the
+        neighbours keep their lane is not scaled. Bounds of metrics are, where their names end with a unit of
+        lengths and times.
 
         Args:
             length: s, the factor of lengths.
@@ -324,7 +332,8 @@ class Scenario(Frozen):
         """
         if isinstance(length, bool) or not isinstance(length, int | float) or not 0 < length < inf:
             raise MjmergeError(f"the scale must be a positive number, got {length!r}")
-        other = rescaled(self, length, sqrt(length)).model_copy(update={"gate": ()})
+        alone = self.model_copy(update={"gate": (), "search": None})
+        other = rescaled(alone, length, sqrt(length))
         try:
             type(self).model_validate(other.model_dump())
         except ValidationError as invalid:

@@ -30,7 +30,8 @@ from mjmerge.scenario.effect import covers
 from mjmerge.scenario.levels import LEVELS
 from mjmerge.scenario.levels import NAMES as LEVEL_NAMES
 from mjmerge.scenario.load import Source, load
-from mjmerge.sweep.extent import no_range, too_much
+from mjmerge.scenario.space import Distribution, Values
+from mjmerge.sweep.extent import too_much
 from mjmerge.sweep.plan import (
     MISMATCH,
     NONE,
@@ -49,19 +50,6 @@ from mjmerge.sweep.plan import (
 
 GRID, RANDOM = "grid", "random"
 """Names of points that nobody named: one of a grid, one drawn at random."""
-Values = Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]
-Pair = Annotated[tuple[float, float], Field(strict=False)]
-
-
-class Distribution(Frozen):
-    """How one key is drawn; one of the three."""
-
-    uniform: Pair | None = None
-    """From the first number to the second."""
-    log_uniform: Pair | None = None
-    """From the first number to the second, with a uniform logarithm; both positive."""
-    choice: Values | None = None
-    """One of these values, equally likely."""
 
 
 class Random(Frozen):
@@ -338,9 +326,9 @@ class _Block:
         at = {key: self._below(f"random.axes.{key}") for key in random.axes}
         draws = {}
         for key, axis in random.axes.items():
-            wrong = list(no_range(axis, at[key]))
-            for message, where in wrong:
-                self._document.report(message, where)
+            wrong = list(axis.problems())
+            for below, message in wrong:
+                self._document.report(message, f"{at[key]}.{below}" if below else at[key])
             if not wrong:
                 draws[key] = axis
         for i in range(random.draws):
@@ -354,13 +342,15 @@ def _setting(key: str, value: Any, at: str) -> Setting:
 
 
 def _draw(axis: Distribution, rng: np.random.Generator) -> Any:
+    """A value; what campaigns have always been able to say is drawn as it always was."""
     if axis.uniform is not None:
         return float(rng.uniform(*axis.uniform))
     if axis.log_uniform is not None:
         low, high = map(log, axis.log_uniform)
         return float(np.exp(rng.uniform(low, high)))
-    assert axis.choice is not None, "one of the three is given"
-    return axis.choice[rng.integers(len(axis.choice))]
+    if axis.choice is not None:
+        return axis.choice[rng.integers(len(axis.choice))]
+    return axis.at(rng.random())
 
 
 def described(path: Path) -> str:

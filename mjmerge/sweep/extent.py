@@ -1,9 +1,9 @@
-"""How large a campaign is, counted before anything is listed, and whether its ranges are ranges."""
+"""How large a campaign is, counted before anything is listed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import isfinite, prod
+from math import prod
 from typing import TYPE_CHECKING
 
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED
@@ -11,7 +11,7 @@ from mjmerge.scenario.levels import LEVELS
 from mjmerge.sweep.plan import is_mismatch
 
 if TYPE_CHECKING:
-    from mjmerge.sweep.campaign import Block, Campaign, Distribution
+    from mjmerge.sweep.campaign import Block, Campaign
 
 MOST_SCENARIOS = 5_000
 """Different scenarios that a campaign may be made of: each is loaded and checked, its mismatch aside."""
@@ -73,20 +73,3 @@ def _largest(block: Block, at: str) -> str:
         "scenarios": len(block.scenarios),
     }
     return f"{at}.{max(sizes, key=lambda key: sizes[key])}"
-
-
-def no_range(axis: Distribution, at: str) -> Iterator[tuple[str, str]]:
-    """What is wrong with the way in which one key is drawn: message and key."""
-    ways = axis.model_dump(exclude_none=True)
-    if len(ways) != 1:
-        yield "must be one of uniform, log_uniform and choice", at
-    for name, pair in (("uniform", axis.uniform), ("log_uniform", axis.log_uniform)):
-        if pair is None:
-            continue
-        low, high = pair
-        if low > high:
-            yield f"goes from {low} down to {high}; the smaller number comes first", f"{at}.{name}"
-        elif not isfinite(high - low):
-            yield f"{low} to {high} is wider than numbers can tell apart", f"{at}.{name}"
-        if name == "log_uniform" and low <= 0:
-            yield "both must be positive", f"{at}.{name}"

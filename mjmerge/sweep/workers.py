@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import Any, TypeVar
 
 from mjmerge.errors import WorkerError
 from mjmerge.simulation.loop import simulate
@@ -31,6 +31,8 @@ MOST_TICKS = 300_000
 
 _LOOK_S = 0.1
 Progress = Callable[[float], None]
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,33 @@ class Workers:
                 "What is finished is kept; run again, with fewer --workers"
             ) from error
 
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return self._count
+
+    def each(self, task: Callable[[Item, int], Made], items: Sequence[Item]) -> list[Made]:
+        """What a task makes of each item, in their order.
+
+        Args:
+            task: what is done, from an item and the threads that it may use, 0 for one per core.
+            items: what it is done with.
+
+        Raises:
+            WorkerError: a process died.
+        """
+        if self._count == 1 or len(items) <= 1:
+            return [task(item, 0) for item in items]
+        pool, _ = self._started()
+        try:
+            with _starting():
+                waiting = [pool.submit(task, item, 1) for item in items]
+            return [future.result() for future in waiting]
+        except BrokenProcessPool as error:
+            raise WorkerError(
+                "a worker process died: was it killed, or out of memory? Run again, with fewer --workers"
+            ) from error
+
     def _started(self) -> tuple[ProcessPoolExecutor, Any]:
         if self._pool is None:
             self._others = set(active_children())
@@ -179,6 +208,10 @@ class Workers:
             for process in set(active_children()) - self._others:
                 process.terminate()
             self._pool.shutdown(cancel_futures=True)  # waits for the pool's thread, or it races the exit
+
+
+HERE = Workers(1)
+"""Nobody else."""
 
 
 @contextmanager

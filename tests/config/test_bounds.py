@@ -109,7 +109,11 @@ def test_blocks_are_counted_together():
         ),
         ("{uniform: [0.1, .inf]}", "must be a finite number"),
         ("{log_uniform: [0, 1]}", "log_uniform: both must be positive"),
-        ("{uniform: [0, 1], choice: [1]}", "must be one of uniform, log_uniform and choice"),
+        ("{normal: [1, -0.1]}", "normal: the standard deviation must not be negative, got -0.1"),
+        ("{normal: [1, 1.0e+308]}", "normal: it reaches further than numbers do"),
+        ("{lognormal: [0, 1]}", "lognormal: the median must be positive, got 0.0"),
+        ("{lognormal: [1, 200]}", "lognormal: it reaches further than numbers do"),
+        ("{uniform: [0, 1], choice: [1]}", "must be one of uniform, log_uniform, normal, lognormal, choice"),
     ],
 )
 def test_a_range_that_is_none_is_told_with_its_line(tmp_path, axis, says):

@@ -36,7 +36,8 @@ def folder(tmp_path):
 
 def write(folder: Path, rows: str, *changes: tuple[str, str]) -> Path:
     text = shipped.scenarios()["charge"].read_text(encoding="utf-8").partition("\ngate:")[0]
-    for old, new in (("duration_s: 12", "duration_s: 6"), *changes):
+    quick = ("duration_s: 12", "duration_s: 6"), ("control_step_s: 0.01", "control_step_s: 0.02")
+    for old, new in (*quick, *changes):
         assert old in text
         text = text.replace(old, new)
     file = folder / "mine.yaml"
@@ -184,7 +185,7 @@ def test_the_json_is_one_object_and_the_junit_file_has_a_case_per_row(folder, ca
         (
             ROWS.replace("double_integrator", "double_integrater"),
             ScenarioError,
-            r"mine.yaml:34: gate.1.plant: row 'late': .* the plants are double_integrator, bicycle, ",
+            r"mine.yaml:46: gate.1.plant: row 'late': .* the plants are double_integrator, bicycle, ",
         ),
         (ROWS.replace("at_least_m: 0.19}", "at_leest_m: 0.19}"), ScenarioError, "did you mean 'at_least_m'"),
         (ROWS.replace("0.19}", "0.19, needs: [barier]}", 1), ScenarioError, "'barrier' or 'grip'"),

@@ -130,7 +130,7 @@ KEYS = {
     [(key, "literal") for key in KEYS] + [("law.d_cap_m", "capped"), ("law.z_floor", "z_floor")],
 )
 def test_another_key_changes_the_motion_exactly_where_it_says(key, variant):
-    assert set(KEYS) == {k for k in declared() if not k.startswith(("mismatch.", "gate"))}
+    assert set(KEYS) == {k for k in declared() if not k.startswith(("mismatch.", "gate", "search"))}
     scenario, before = base(variant, 0.05 if key == "actuation.inverse" else 0.0)
     section, _, name = key.rpartition(".")
     value = KEYS[key] if not section else getattr(scenario, section).model_copy(update={name: KEYS[key]})
@@ -175,7 +175,11 @@ def test_the_documentation_says_where_every_key_acts():
     lines = text.partition("\n### Where they act\n")[2].partition("\n### ")[0].splitlines()
     cells = [line.strip("|").split("|") for line in lines if line.startswith("| `")]
     said = {key.strip(" `"): where.strip() for keys, where in cells for key in keys.split(",")}
-    names = {key.removeprefix("mismatch."): acts for key, acts in declared().items() if key != "gate"}
+    names = {
+        key.removeprefix("mismatch."): acts
+        for key, acts in declared().items()
+        if key not in ("gate", "search")
+    }
     assert said.keys() == names.keys()
     for key, acts in names.items():
         where = "every plant" if acts.on == EVERY else listed(acts.on)
@@ -225,6 +229,7 @@ def ended(*arguments, capsys):
         ("charge --set law.d_cap_m=0.1", "under the law variants capped and guarded"),
         ("charge --set law.variant=no_u1 --set mismatch.leader_acceleration=unknown", "without no_u1"),
         ("charge --set gate.0.at_least_m=1", "`mjmerge check` alone"),
+        ("charge --set search.level=mild", "`mjmerge falsify`"),
     ],
 )  # fmt: skip
 def test_a_run_refuses_what_it_was_given_in_vain_and_names_who_has_it(words, says, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -132,6 +133,26 @@ def test_draws_are_the_same_every_time_within_their_range_and_do_not_depend_on_h
     assert {c.mismatch.leader_acceleration for c in many} == {"known", "unknown"}
     other = plan(block(random={"draws": 5, "seed": 6, "axes": axes})).cases
     assert [c.mismatch for c in other] != [c.mismatch for c in few[::2]]
+
+
+def test_draws_of_ranges_and_choices_are_those_of_the_published_tables_and_normal_ones_can_be_said():
+    axes = {
+        "mismatch.sensing_delay_s": {"uniform": [0.0, 0.2]},
+        "mismatch.neighbour_position_noise_m": {"log_uniform": [0.001, 0.1]},
+        "mismatch.leader_acceleration": {"choice": ["known", "unknown"]},
+        "mismatch.neighbour_position_bias_m": {"normal": [0.1, 0.02]},
+        "mismatch.command_delay_s": {"lognormal": [0.04, 0.5]},
+    }
+    found = plan(block(random={"draws": 400, "seed": 3, "axes": axes})).cases
+    rng = np.random.default_rng([3, 7])
+    seventh = found[7].mismatch
+    assert seventh.sensing_delay_s == rng.uniform(0.0, 0.2)
+    assert seventh.neighbour_position_noise_m == np.exp(rng.uniform(np.log(0.001), np.log(0.1)))
+    assert seventh.leader_acceleration == ("known", "unknown")[rng.integers(2)]
+    bias = np.array([case.mismatch.neighbour_position_bias_m for case in found])
+    delay = np.log([case.mismatch.command_delay_s for case in found])
+    assert (bias.mean(), bias.std()) == pytest.approx((0.1, 0.02), rel=0.1)
+    assert (delay.mean(), delay.std()) == pytest.approx((np.log(0.04), 0.5), rel=0.1)
 
 
 def test_what_a_run_sets_loads_as_the_same_scenario():
