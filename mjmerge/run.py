@@ -20,11 +20,15 @@ from mjmerge.figures.runs import figure
 from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
 from mjmerge.record import FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
+from mjmerge.record.manifest import EXPLANATION
 from mjmerge.scenario.cars import car_sheets, codes
 from mjmerge.scenario.distinct import random
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.load import dump
 from mjmerge.scenario.schema import Scenario
+from mjmerge.search.explain import Explanation, as_json
+from mjmerge.search.explain import explain as explain_
+from mjmerge.search.margin import margin
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
@@ -49,6 +53,7 @@ FILES = (
     "scenario.yaml",
     "world.xml",
     "summary.json",
+    EXPLANATION,
     "figure.png",
 )
 """What a run folder may hold; ``summary.json`` is written last and marks it as complete."""
@@ -69,6 +74,8 @@ class FinishedRun:
         failures: recorders that broke and files that could not be written, a line each.
         replaced: whether an earlier run in the same folder made way.
         unseen_s: simulated time that the live view did not show, s.
+        explanation: why it fails, of several simulations the worst; ``None`` where nobody asked, or that one
+            is safe.
     """
 
     trace: Trace
@@ -77,6 +84,7 @@ class FinishedRun:
     failures: list[str]
     replaced: bool
     unseen_s: float = 0.0
+    explanation: Explanation | None = None
 
     @property
     def exit_code(self) -> int:
@@ -97,6 +105,7 @@ def run(
     folder: Path | None = None,
     replace: bool = False,
     record: bool = True,
+    explain: bool = False,
     live: Callable[[Header], Live] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> FinishedRun:
@@ -115,6 +124,8 @@ def run(
         folder: where everything goes; ``None`` writes nothing.
         replace: whether an earlier run in that folder may make way.
         record: whether to write recordings.
+        explain: whether to say why an unsafe run fails, of several simulations the worst: in the report of
+            its recordings, and in a file beside them. It takes some tens of further runs.
         live: shows the first simulation while it goes on.
         progress: called now and then with the simulated time, s.
 
@@ -176,23 +187,39 @@ def run(
         found["versions"] = versions()
         found |= _ground(scenario, plant, continuous)
         found["distinct_runs"] = runs if random(scenario, plant, continuous=continuous) else 1
+        why, unexplained = _why(trace) if explain else (None, [])
         for receiver in (recording, viewer):
             if receiver is not None:
-                receiver.close(_outcome(trace, verdicts[0], found))
+                receiver.close(_outcome(trace, verdicts[0], found, why if runs == 1 else None))
     failures = list(recording.failures) if recording is not None else []
+    failures += unexplained
 
     if folder is not None:
         worst = worst_run(trace)
         if record and runs > 1:
             assert world is not None, "a recording shows the world"
-            failures = _record_selected(folder, trace, verdicts, metrics, world)
+            failures += _record_selected(folder, trace, verdicts, metrics, world, why)
         try:  # the run is over, and its verdict is worth as much without them
             figure(trace, folder / "figure.png", worst)
+            if why is not None:
+                put(folder / EXPLANATION, json.dumps(as_json(why), indent=2) + "\n")
             put(folder / "summary.json", json.dumps(found, indent=2) + "\n")
         except OutputError as error:
             failures.append(str(error))
     unseen_s = 0.0 if viewer is None else viewer.dropped_s
-    return FinishedRun(trace, verdicts, found, failures, replaced, unseen_s)
+    return FinishedRun(trace, verdicts, found, failures, replaced, unseen_s, why)
+
+
+def _why(trace: Trace) -> tuple[Explanation | None, list[str]]:
+    """Why the worst simulation fails, ``None`` if it is safe; and what kept that from being found out."""
+    run = worst_run(trace)
+    if margin(trace.alone(run, trace.scenario)).kind is None:
+        return None, []
+    seed = int(trace.seeds[run])
+    try:
+        return explain_(trace.scenario, trace.plant, seed=seed, continuous=trace.continuous), []
+    except MjmergeError as error:  # the run is over, and its verdict is worth as much without
+        return None, [f"{EXPLANATION}: {error}"]
 
 
 def _accepted(scenario: Scenario, plant: str) -> list[Acceptance]:
@@ -254,12 +281,13 @@ def _record_selected(
     verdicts: Sequence[Verdict],
     metrics: Mapping[str, Array],
     world: World,
+    why: Explanation | None,
 ) -> list[str]:
     """Records some simulations of many by running each again alone: the same seed gives the same bits."""
     failures: list[str] = []
     for name, run in selected(trace, verdicts, metrics).items():
         formats = FORMATS if name == "run" else {f"{name}.rrd": open_rrd}
-        failures += _record_again(folder, trace, run, world, formats)
+        failures += _record_again(folder, trace, run, world, formats, why if name == "run" else None)
     if trace.plant != IDEAL:
         from mjmerge.record.rerun.side_by_side import write_comparison  # Rerun takes its time to import
 
@@ -273,7 +301,12 @@ def _record_selected(
 
 
 def _record_again(
-    folder: Path, trace: Trace, run: int, world: World, formats: Mapping[str, Factory]
+    folder: Path,
+    trace: Trace,
+    run: int,
+    world: World,
+    formats: Mapping[str, Factory],
+    why: Explanation | None,
 ) -> list[str]:
     scenario, seed = trace.scenario, int(trace.seeds[run])
     header = _header(scenario, trace.plant, seed, world, trace.continuous)
@@ -284,7 +317,7 @@ def _record_again(
         (verdict,) = judge(alone)
         found = summary(alone, [verdict], own.measured(alone))
         found |= _ground(scenario, trace.plant, trace.continuous) | {"distinct_runs": 1}
-        recording.close(_outcome(alone, verdict, found))
+        recording.close(_outcome(alone, verdict, found, why))
     return recording.failures
 
 
@@ -302,8 +335,11 @@ def _side(trace: Trace, plant: str, seed: int, world: World) -> ShownSide:
     return ShownSide("ideal" if plant == IDEAL else plant, header, keep.posed(), outcome)
 
 
-def _outcome(trace: Trace, verdict: Verdict, found: dict[str, Any]) -> Outcome:
+def _outcome(
+    trace: Trace, verdict: Verdict, found: dict[str, Any], why: Explanation | None = None
+) -> Outcome:
     """What a recording of one simulation ends with; nothing that differs between two equal runs."""
     happened = sorted([*events(trace), *verdict.events()], key=lambda e: e.time_s)
     repeatable = {k: v for k, v in found.items() if k not in ("real_time_factor", "run_dir", "versions")}
-    return Outcome(happened, verdict.verdict, repeatable, phases(trace))
+    said = None if why is None else as_json(why)
+    return Outcome(happened, verdict.verdict, repeatable, phases(trace), said)

@@ -4,7 +4,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +31,14 @@ COUNTED = (
     "recording/test_folder.py",
     "recording/test_tools.py",
     "scenario/",
+    "search/",
     "simulation/",
     "world/",
 )
 """Tests that count the lines that they run, if any do, by the start of their place. Counting makes them 1.4
 times as long: these are quick ones that go through much of the house."""
+SLOW = "law/test_outside.py"
+"""Not counted, of them: it takes its time, and others go through the same."""
 _counter = sys.modules["coverage"].Coverage.current() if "coverage" in sys.modules else None
 _counts = _counter is not None
 
@@ -42,7 +46,7 @@ _counts = _counter is not None
 def pytest_runtest_logstart(nodeid: str) -> None:
     """Stops counting lines, and starts again, from test to test."""
     global _counts
-    wanted = nodeid.startswith(tuple(f"tests/{place}" for place in COUNTED))
+    wanted = nodeid.startswith(tuple(f"tests/{place}" for place in COUNTED)) and SLOW not in nodeid
     if _counter is not None and wanted != _counts:
         (_counter.start if wanted else _counter.stop)()
         _counts = wanted
@@ -62,6 +66,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     for what, example in _OWN.items():
         said = f"run the tests of every {what} over this one, such as {example}"
         parser.addoption(f"--{what}", action="append", default=[], metavar="ONE", help=said)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _tried_once() -> Iterator[None]:
+    """Whether Rerun's reader survives a file is tried, in a process, once for each content."""
+    room, known = sys.modules.get("mjmerge.record.read"), {}
+    with pytest.MonkeyPatch.context() as patch:
+        if room is not None:  # a test imports it
+            survives = room.survives
+
+            def once(path: Path) -> bool:
+                content = sha256(path.read_bytes()).digest()
+                if content not in known:
+                    known[content] = survives(path)
+                return known[content]
+
+            patch.setattr(room, "survives", once)
+        yield
 
 
 @pytest.fixture

@@ -20,10 +20,14 @@ from mjmerge.cli.check import Check
 from mjmerge.cli.compare import Compare
 from mjmerge.cli.convert import Convert
 from mjmerge.cli.crash import report
+from mjmerge.cli.explain import Explain
 from mjmerge.cli.export import Export
+from mjmerge.cli.falsify import Falsify
+from mjmerge.cli.harden import Harden
 from mjmerge.cli.identify import Identify
 from mjmerge.cli.list import List
 from mjmerge.cli.new import New
+from mjmerge.cli.probability import Probability
 from mjmerge.cli.recover import Recover
 from mjmerge.cli.replay import Replay
 from mjmerge.cli.reproduce import Reproduce
@@ -44,6 +48,10 @@ COMMANDS: tuple[Any, ...] = (
     Run,
     Reproduce,
     Sweep,
+    Falsify,
+    Explain,
+    Probability,
+    Harden,
     Check,
     Theorem,
     Survey,

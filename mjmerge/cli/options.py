@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Annotated
 
@@ -22,13 +23,22 @@ Count = Annotated[int, tyro.conf.arg(metavar="N")]
 
 _MOST: dict[str, Callable[[], int]] = {
     "runs": lambda: MOST_RUNS,
+    "budget": lambda: MOST_RUNS,
+    "findings": lambda: MOST_FINDINGS,
     "seeds": lambda: MOST_SEEDS,
     "seed": lambda: MOST_SEED,
     "threads": most_threads,
     "workers": most_workers,
 }
+MOST_FINDINGS = 100
+"""Failures that a search shrinks."""
 MOST_SEEDS = 1000
 """Seeds of each point, with --break."""
+
+
+def processes(workers: int) -> int:
+    """How many processes are meant by a number of workers: with 0 one per core that there is for us."""
+    return workers or len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else [0])
 
 
 def at_least(least: int, **given: int) -> None:

@@ -76,6 +76,33 @@ def breaking_folder(
     return Path("breaking") / f"{scenario}-{plant}{slug(*axes, floor, few, *overrides)}"
 
 
+def falsified_folder(scenario: str, plant: str, words: Sequence[str], digest: str) -> Path:
+    """Where a search for failures goes; one that holds another search, as of an edited file, is left alone.
+
+    Args:
+        scenario: its name.
+        plant: what moves the cars.
+        words: what else was given.
+        digest: of what is searched.
+    """
+    from mjmerge.search.findings import LOOKS, digest_of
+
+    folder = Path("falsified") / f"{scenario}-{plant}{slug(*words)}"
+    if not folder.is_dir() or digest_of(folder / LOOKS) == digest:
+        return folder
+    return folder.with_name(f"{folder.name}-{digest[:_DIGITS]}")
+
+
+def probability_folder(scenario: str, plant: str, words: Sequence[str]) -> Path:
+    """Where the estimate of a probability goes."""
+    return Path("probabilities") / f"{scenario}-{plant}{slug(*words)}"
+
+
+def hardened_folder(scenario: str, plant: str, words: Sequence[str]) -> Path:
+    """Where a law that was hardened goes."""
+    return Path("hardened") / f"{scenario}-{plant}{slug(*words)}"
+
+
 def identified_folder(place: Path) -> Path:
     """Where what was measured of a car goes; one's own is told apart from a shipped one of that name."""
     own = shipped.models().get(place.name, place) != place

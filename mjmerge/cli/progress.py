@@ -30,20 +30,20 @@ def progress_bar(total: float, doing: str = "simulating") -> Iterator[Callable[[
 
 
 @contextmanager
-def runs_bar(total: int) -> Iterator[Callable[[float, int], None]]:
-    """A progress bar of runs on standard error, with their rate and the time left."""
+def runs_bar(total: int, doing: str = "running") -> Iterator[Callable[..., None]]:
+    """A progress bar of runs on standard error, with their rate, a note, and the time left."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console, began = Console(stderr=True), time.monotonic()
-    columns = (TextColumn("running"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
+    columns = (TextColumn(doing), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
     with Progress(
         *columns, TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal
     ) as bars:
-        task = bars.add_task("running", total=total, rate="")
+        task = bars.add_task(doing, total=total, rate="")
 
-        def advance(done: float, before: int) -> None:
+        def advance(done: float, before: int, note: str = "") -> None:
             rate = (done - before) / max(time.monotonic() - began, 1e-9)
-            bars.update(task, completed=int(done), rate=f"{rate:.3g} runs/s")
+            bars.update(task, completed=int(done), rate=f"{rate:.3g} runs/s{note}")
 
         yield advance

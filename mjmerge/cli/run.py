@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -21,6 +21,7 @@ from mjmerge.roster import PLANTS
 if TYPE_CHECKING:
     from mjmerge.record import Header
     from mjmerge.record.rerun.live import Live
+    from mjmerge.search.explain import Explanation
 
     PlantName = str
 else:
@@ -49,6 +50,9 @@ class Run:
     """Threads for the physics, 0 for all cores; does not change the result."""
     continuous: Flag = False
     """Law and plant as one differential equation, solved to 1e-10; for the plants other than mujoco."""
+    explain: Flag = False
+    """Say why an unsafe run fails, of several the worst: what it needs, what is enough; in its report, too.
+    It takes some tens of further runs."""
     live: Flag = False
     """Show the run in a Rerun viewer while it goes on, in real time."""
     live_at: Annotated[str | None, tyro.conf.arg(metavar="127.0.0.1:PORT")] = None
@@ -64,6 +68,7 @@ class Run:
         """Run the command; return its exit code."""
         from rich.console import Console
 
+        from mjmerge.cli.explain import show
         from mjmerge.cli.places import run_folder
         from mjmerge.run import run
         from mjmerge.scenario.load import load
@@ -97,6 +102,7 @@ class Run:
                 folder=folder,
                 replace=self.out is None,
                 record=self.record,
+                explain=self.explain,
                 live=self._live(),
                 progress=progress,
             )
@@ -107,7 +113,7 @@ class Run:
         if self.json:
             if done.replaced:
                 print(f"mjmerge: the earlier run in {folder} was replaced", file=sys.stderr)
-            print(json.dumps(done.summary))
+            print(json.dumps(done.summary | self._explained(done.explanation)))
             return done.exit_code
         console = Console(highlight=False)
         many = f", {self.runs} runs" if self.runs > 1 else ""
@@ -116,12 +122,25 @@ class Run:
         for override in overrides:
             console.print(f"  {override}", markup=False)
         console.print(table(done.summary))
+        if done.explanation is not None:
+            which = f" with seed {done.explanation.seed}, the worst," if self.runs > 1 else ""
+            console.print(f"why the run{which} fails:")
+            show(console, done.explanation)
+        elif self.explain:
+            which = "the worst run" if self.runs > 1 else "the run"
+            console.print(f"{which} is safe: there is nothing to explain")
         if done.replaced:
             console.print(f"the earlier run in {plain(folder)} was replaced")
         if folder is not None and self.record and not done.failures:
             command = shlex.join(["mjmerge", "view", str(folder)])
             console.print(f"look at it:  {bold(command)}", soft_wrap=True)
         return done.exit_code
+
+    def _explained(self, found: Explanation | None) -> dict[str, Any]:
+        """What ``--json`` has beside the summary."""
+        from mjmerge.search.explain import as_json
+
+        return {"explanation": None if found is None else as_json(found)} if self.explain else {}
 
     @property
     def kept(self) -> str:

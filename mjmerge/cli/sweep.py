@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Overrides, at_least
+from mjmerge.cli.options import Count, Flag, Overrides, at_least, processes
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold
 from mjmerge.errors import MjmergeError
@@ -71,9 +70,6 @@ class Sweep:
             return self._campaign()
         return self._ladder() if self.ladder else self._break()
 
-    def _processes(self) -> int:
-        return self.workers or len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else [0])
-
     def _prepare(self, folder: Path, files: Collection[str]) -> None:
         """Makes the folder; says what made way."""
         from mjmerge.outputs import prepare
@@ -93,7 +89,7 @@ class Sweep:
         planned = plan(self.what)
         folder = self.out or Path("sweeps") / planned.name
         with runs_bar(len(planned.cases)) as progress:
-            found = sweep(planned, folder, processes=self._processes(), progress=progress)
+            found = sweep(planned, folder, processes=processes(self.workers), progress=progress)
         sweep_report.write(planned, found, folder)
         summary = tally.summary(planned, found)
         if self.json:
@@ -120,7 +116,7 @@ class Sweep:
         from mjmerge.sweep.plan import given
         from mjmerge.sweep.workers import workers
 
-        with workers(self._processes()) as team, runs_bar(len(ladder.RUNGS)) as progress:
+        with workers(processes(self.workers)) as team, runs_bar(len(ladder.RUNGS)) as progress:
             found = ladder.climb(
                 self.what, given(self.set_), team, seed=self.seed, progress=lambda done: progress(done, 0)
             )
@@ -159,7 +155,7 @@ class Sweep:
         seeds = range(self.seed, self.seed + self.seeds)
         folder = self.out or breaking_folder(name, self.plant, self.break_, self.until, seeds, self.set_)
         self._prepare(folder, breaking_report.FILES)
-        with workers(self._processes()) as team:
+        with workers(processes(self.workers)) as team:
             found = breaking.search(
                 self.what,
                 self.plant,

@@ -17,6 +17,7 @@ from mjmerge.config.frozen import Frozen
 from mjmerge.law import Signal
 from mjmerge.law.asked import MOST_SIGNALS, is_name
 from mjmerge.plant import PLANTS
+from mjmerge.record.manifest import EXPLANATION
 from mjmerge.roster import EGO, MOST_CARS, PER_NEIGHBOUR, XY, Axis, Roster, roster, slot
 from mjmerge.simulation.trace import COLUMNS, Column
 from mjmerge.vehicle.datasheet import DataSheet
@@ -67,6 +68,48 @@ class _Code(Frozen):
 
     sha256: str
     source: str
+
+
+_Text = Annotated[str, Field(max_length=2000)]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Broken(Frozen):
+    """When a hypothesis broke."""
+
+    hypothesis: _Text
+    time_s: _Number
+
+
+class _Ablation(Frozen):
+    """What came of one thing taken back."""
+
+    taken_back: _Text
+    margin_m: _Number | None
+    moves_m: _Number | None
+    kind: _Text | None
+    safe: bool
+    then: _Text
+
+
+class _Explanation(Frozen):
+    """Why a run fails, as :mod:`mjmerge.search.explain` says it."""
+
+    scenario: _Text
+    plant: _Text
+    seed: int
+    continuous: bool
+    unsafe: bool
+    kind: _Text | None
+    margin_m: _Number | None
+    unsafe_at_s: _Number | None
+    broken: list[_Broken]
+    needs: list[_Text]
+    enough: list[list[_Text]]
+    complete: bool
+    table: list[_Ablation]
+    runs: int
+    sentences: list[str]
 
 
 class _Metric(Frozen):
@@ -243,6 +286,22 @@ def summary_of(text: str) -> dict[str, Any] | None:
         except ValidationError as invalid:
             raise ContentError(f"summary.json: stops: {_first(invalid)}") from invalid
     return value
+
+
+def explanation_of(text: str) -> dict[str, Any] | None:
+    """An explanation, as written; ``None`` for one that says nothing.
+
+    Raises:
+        ContentError: something in it is missing or of a wrong type.
+    """
+    value = json_of(text, EXPLANATION)
+    if value is None:
+        return None
+    try:
+        _Explanation.model_validate(value)
+    except ValidationError as invalid:
+        raise ContentError(f"{EXPLANATION}: {_first(invalid)}") from invalid
+    return dict(value)
 
 
 def _is_number(value: Any) -> bool:

@@ -16,7 +16,7 @@ class Digest:
 
     def __init__(self, texts: Mapping[str, str], columns: Iterable[str]) -> None:
         """Args: texts that go with the run, by name; names of its columns."""
-        self._texts = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
+        self._texts = of_texts(texts)
         self._hashes = {name: hashlib.sha256() for name in ("time_s", *columns)}
 
     def add(self, block: TickBlock) -> None:
@@ -30,6 +30,11 @@ class Digest:
     def hex(self) -> dict[str, str]:
         """What it comes to so far, by column, and of each text."""
         return {name: fed.hexdigest() for name, fed in self._hashes.items()} | self._texts
+
+
+def of_texts(texts: Mapping[str, str]) -> dict[str, str]:
+    """SHA-256 of each text, by name."""
+    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
 
 
 def digests(columns: Mapping[str, Array], texts: Mapping[str, str]) -> dict[str, str]:

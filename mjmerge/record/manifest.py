@@ -15,6 +15,9 @@ manifest says who is there; before, it was an ego and two neighbours."""
 SCHEMA_VERSIONS = (1, SCHEMA_VERSION)
 """Those that are read."""
 
+EXPLANATION = "explanation.json"
+"""Why a run fails: an attachment, a file of the run folder, and a text with a fingerprint."""
+
 CONVENTIONS = {
     "units": "SI; every name ends in its unit, names without one are plain numbers",
     "frame": "road frame: x along the road, y to its left, z up; origin on the road's surface",
@@ -26,7 +29,7 @@ CONVENTIONS = {
 
 
 def canonical(of: Mapping[str, Any]) -> str:
-    """A manifest as the text that its fingerprint is of."""
+    """A manifest, or an explanation, as the text that its fingerprint is of."""
     return json.dumps(of, sort_keys=True)
 
 

@@ -23,7 +23,7 @@ from mjmerge.law import AbsentLaw
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.contents import Found, Said, Ticks
-from mjmerge.record.manifest import canonical
+from mjmerge.record.manifest import EXPLANATION, canonical
 from mjmerge.record.mcap.file import TooLargeError
 from mjmerge.record.mcap.reader import gather_mcap
 from mjmerge.record.rerun.reader import gather_rrd, survives
@@ -58,6 +58,7 @@ class Recorded:
         world_xml: the composed MJCF.
         verdict: what the file claims; ``None`` where the run did not end.
         summary: likewise.
+        explanation: why it fails, as the file says; ``None`` where it says nothing of that.
         sha256: fingerprint of every column, as the file claims.
         said: events: time in ns, level, text.
         states: changes of state: time in ns, subject, state.
@@ -81,6 +82,7 @@ class Recorded:
     world_xml: str
     verdict: str | None
     summary: Mapping[str, Any] | None
+    explanation: Mapping[str, Any] | None
     sha256: Mapping[str, str]
     said: list[Said]
     states: list[Said]
@@ -152,11 +154,12 @@ class Recorded:
 
     @property
     def texts(self) -> dict[str, str]:
-        """What is in it as text, by name, as in :class:`~mjmerge.record.recording.Header`."""
+        """What is in it as text, by name, as its fingerprints want it."""
         return {
             "scenario.yaml": self.scenario_yaml,
             "world.xml": self.world_xml,
             "manifest.json": canonical(self.manifest),
+            **({} if self.explanation is None else {EXPLANATION: canonical(self.explanation)}),
         }
 
     def run(self) -> Trace:
@@ -236,6 +239,7 @@ def read(path: Path, *, wary: bool = True) -> Recorded:
     try:
         kind, found = _gather(path, wary)
         summary = content.summary_of(found.texts.get("summary.json", "null"))
+        explanation = content.explanation_of(found.texts.get(EXPLANATION, "null"))
     except (ContentError, TooLargeError) as error:
         raise UnreadableError(path, str(error)) from error
     if "control_step_s" not in found.manifest or "scenario.yaml" not in found.texts:
@@ -264,6 +268,7 @@ def read(path: Path, *, wary: bool = True) -> Recorded:
         world_xml=found.texts.get("world.xml", ""),
         verdict=found.verdict,
         summary=summary,
+        explanation=explanation,
         sha256=found.sha256,
         said=sorted(found.said),
         states=sorted(found.states),

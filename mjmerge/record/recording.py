@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.outputs import PARTIAL
-from mjmerge.record.digest import Digest
-from mjmerge.record.manifest import canonical, manifest
+from mjmerge.record.digest import Digest, of_texts
+from mjmerge.record.manifest import EXPLANATION, canonical, manifest
 from mjmerge.record.scene import Scene
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.log import TickBlock
@@ -101,6 +101,8 @@ class Outcome:
         verdict: the contract's word for it.
         summary: what ``summary.json`` holds.
         phases: every change of state, subject by subject.
+        explanation: why it fails, as JSON, see :mod:`mjmerge.search.explain`; ``None`` where nobody asked, or
+            there is nothing to explain.
         digests: fingerprint of every column and text; :class:`Recording` fills it in.
     """
 
@@ -108,6 +110,7 @@ class Outcome:
     verdict: str
     summary: Mapping[str, Any]
     phases: Sequence[Phase] = ()
+    explanation: Mapping[str, Any] | None = None
     digests: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -238,7 +241,8 @@ class Recording:
 
     def close(self, outcome: Outcome) -> None:
         """Completes every file that is still well and gives it its name."""
-        outcome = replace(outcome, digests=self._digest.hex())
+        said = {} if outcome.explanation is None else {EXPLANATION: canonical(outcome.explanation)}
+        outcome = replace(outcome, digests=self._digest.hex() | of_texts(said))
         for name, recorder in list(self._live.items()):
             self._attempt(name, self._finish, name, recorder, outcome)
         self._live.clear()

@@ -32,6 +32,7 @@ def finished(header: Header, outcome: Outcome) -> str:
             "",
             *_table(_main(found)),
             "",
+            *why(outcome.explanation),
             *worst,
             "",
             LEGEND,
@@ -44,11 +45,38 @@ def finished(header: Header, outcome: Outcome) -> str:
     )
 
 
-def of(title: str, found: Mapping[str, Any] | None, verdict: str | None) -> str:
+def of(
+    title: str,
+    found: Mapping[str, Any] | None,
+    verdict: str | None,
+    explanation: Mapping[str, Any] | None = None,
+) -> str:
     """The report of a run that was read from a file."""
     found = found or {}
     head = [f"### {title}", "", f"**Verdict: {verdict or 'none, the run has not finished'}**", ""]
-    return "\n".join([*head, *_table(_main(found)), "", LEGEND, "", *_table(_flat(found))])
+    main = [*_table(_main(found)), "", *why(explanation)]
+    return "\n".join([*head, *main, LEGEND, "", *_table(_flat(found))])
+
+
+def why(explanation: Mapping[str, Any] | None) -> Iterator[str]:
+    """Why a run fails, as a section of its own; nothing where nobody asked."""
+    if explanation is None:
+        return
+    yield from ("#### Why", "")
+    yield from (f"- {_cell(one)}" for one in explanation["sentences"])
+    yield ""
+    if explanation["table"]:
+        yield from ("| taken back | margin, m | moves it by, m | then |", "|---|---|---|---|")
+        for one in explanation["table"]:
+            margin, moved = (one[key] for key in ("margin_m", "moves_m"))
+            numbers = ["-" if margin is None else f"{margin:.3f}", "-" if moved is None else f"{moved:+.3f}"]
+            yield "| " + " | ".join([_cell(one["taken_back"]), *numbers, _cell(one["then"])]) + " |"
+        yield ""
+
+
+def _cell(text: str) -> str:
+    """A text on a line of its own or in a table."""
+    return " ".join(text.split()).replace("|", "\\|")
 
 
 LEGEND = (

@@ -52,7 +52,7 @@ def to_csv(found: Recorded, path: Path) -> None:
 
 
 def to_parquet(found: Recorded, path: Path) -> None:
-    """Writes a Parquet file; manifest, scenario, summary and verdict are in its schema's metadata.
+    """Writes a Parquet file; manifest, scenario, summary, verdict and why it fails are in its metadata.
 
     Raises:
         OutputError: the file is there already, or cannot be written.
@@ -65,6 +65,7 @@ def to_parquet(found: Recorded, path: Path) -> None:
         "scenario.yaml": found.scenario_yaml,
         "summary": json.dumps(found.summary),
         "verdict": found.verdict or "",
+        **({} if found.explanation is None else {"explanation": json.dumps(found.explanation)}),
     }
     made = pa.table(flat(found)).replace_schema_metadata({f"mjmerge.{k}": v for k, v in about.items()})
     whole(path, lambda partial: pq.write_table(made, partial, compression="zstd"))

@@ -11,6 +11,7 @@ from mjmerge.errors import UnreadableError
 from mjmerge.outputs import PARTIAL
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
+from mjmerge.record.manifest import EXPLANATION
 from mjmerge.record.read import recording
 from mjmerge.review.check import Check, checked, differing, some
 from mjmerge.review.claims import what_follows
@@ -43,6 +44,7 @@ def beside(first: Verified) -> Iterator[Check]:
     """The files beside a recording that are no recordings, against it."""
     folder = first.recorded.path.parent
     yield from _texts(folder, first)
+    yield from _explanation(folder, first)
     if first.verdict is not None:
         yield _summary(folder, first)
 
@@ -73,6 +75,8 @@ def _unlike(first: Verified, other: Verified, same: bool) -> Iterator[str]:
         yield "it has another world"
     if (one.manifest["seed"] == two.manifest["seed"]) != same:
         yield f"it has the seed {two.manifest['seed']}"
+    if same and one.explanation != two.explanation and None not in (one.explanation, two.explanation):
+        yield "it is explained otherwise"
     if same and len(one.ticks) == len(two.ticks):
         names = sorted(one.columns.keys() | two.columns.keys())
         differ = [
@@ -105,6 +109,22 @@ def _texts(folder: Path, first: Verified) -> Iterator[Check]:
             continue
         wrong = [] if said == there else [f"another than the one in {first.recorded.path.name}"]
         yield checked(name, wrong, f"as in {first.recorded.path.name}")
+
+
+def _explanation(folder: Path, first: Verified) -> Iterator[Check]:
+    """Why it fails is as in the recording; nothing where neither says."""
+    path, there = folder / EXPLANATION, first.recorded.explanation
+    if not path.exists():
+        if there is not None:
+            yield Check(path.name, False, "not there")
+        return
+    try:
+        claimed = content.explanation_of(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ContentError) as error:
+        yield Check(path.name, False, str(error))
+        return
+    wrong = [] if claimed == there else [f"another than the one in {first.recorded.path.name}"]
+    yield checked(path.name, wrong, f"as in {first.recorded.path.name}")
 
 
 def _summary(folder: Path, first: Verified) -> Check:

@@ -97,7 +97,8 @@ def outcome(found: Recorded, trace: Trace) -> Outcome:
     (verdict,) = judge(trace)
     happened = sorted([*events(trace), *verdict.events()], key=lambda e: e.time_s)
     claims = what_follows(found, trace, verdict)
-    return Outcome(happened, verdict.verdict, claims, phases(trace), digests(found.columns, found.texts))
+    prints = digests(found.columns, found.texts)
+    return Outcome(happened, verdict.verdict, claims, phases(trace), found.explanation, prints)
 
 
 def poses(found: Recorded, about: Header, scene: Scene, rows: NDArray[np.intp]) -> tuple[Array, Array]:

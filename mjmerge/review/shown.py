@@ -73,7 +73,7 @@ def _write(found: Recorded, about: Header, scene: Scene, path: Path) -> None:
         if text != _NOTHING
     ]
     phases = [Phase(subject, at / NS_PER_S, state) for at, subject, state in found.states]
-    end = Outcome(events, found.verdict or "", found.summary or {}, phases, found.sha256)
+    end = Outcome(events, found.verdict or "", found.summary or {}, phases, found.explanation, found.sha256)
     block = posed(found, about, scene)
     if found.kind == "mcap":
         from mjmerge.record.mcap.recorder import McapRecorder

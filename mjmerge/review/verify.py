@@ -22,6 +22,7 @@ from mjmerge.review.check import Check, checked, some
 from mjmerge.review.claims import claims
 from mjmerge.review.derived import derived, geometry
 from mjmerge.review.drawn import drawn
+from mjmerge.review.explained import explained
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import COLUMNS, Trace, signals_of
@@ -115,6 +116,7 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     (verdict,) = judge(again)
     yield verdict
     yield from claims(found, again, verdict)
+    yield from explained(found, again)
     yield Check("not derived", None, _not_derived(trace))
 
 

@@ -83,7 +83,11 @@ def write_view(mcap: Path, rrd: Path) -> None:
     columns = {name: values[part] for name, values in found.columns.items()}
     send_arrows(stream, scene, times_of(found.time_ns[part], time), columns)
     for name, text, kind in (
-        ("report", report.of(mcap.name, found.summary, found.verdict), rr.MediaType.MARKDOWN),
+        (
+            "report",
+            report.of(mcap.name, found.summary, found.verdict, found.explanation),
+            rr.MediaType.MARKDOWN,
+        ),
         ("scenario", found.scenario_yaml, rr.MediaType.TEXT),
     ):
         stream.log(f"/run/{name}", rr.TextDocument(text, media_type=kind), static=True)

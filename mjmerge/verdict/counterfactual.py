@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
+from mjmerge.config.doors import from_outside
 from mjmerge.drivers import Absent
 from mjmerge.scenario.effect import acting
 from mjmerge.scenario.mismatch import Mismatch
@@ -17,6 +19,8 @@ from mjmerge.state import Array
 IDEAL = "double_integrator"
 """The plant of the paper's proof."""
 
+_Case = tuple[int, Mismatch]
+_MOST_KNOWN = 4096
 _TOGETHER = 256  # simulations at a time: what they leave behind is large, and only its least is kept
 
 
@@ -45,16 +49,32 @@ def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
     scenario = unguarded(trace.scenario)
     if scenario is None or any(isinstance(driver, Absent) for driver in trace.scenario.neighbours):
         return np.full((len(runs), trace.distance_m.shape[2]), np.nan)
-    return _ideal_m(scenario, trace, runs)
+    kinds = [scenario.law.kind, *(driver.kind for driver in scenario.neighbours)]
+    outside = any(map(from_outside, kinds))
+    known = {} if outside or scenario.sheets is None else _known(scenario)
+    return _ideal_m(scenario, trace, runs, known)
 
 
 def with_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
     """How close they come there with it: the same of the scenario as it is."""
+    if trace.plant == IDEAL and not trace.continuous and trace.mismatch == (Mismatch(),) * trace.runs:
+        return trace.min_distance_m[list(runs)]  # that is what happened
     scenario = trace.scenario.settled().model_copy(update={"mismatch": Mismatch()})
-    return _ideal_m(scenario, trace, runs)
+    return _ideal_m(scenario, trace, runs, {})
 
 
-def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int]) -> Array:
+@lru_cache(maxsize=32)
+def _known(scenario: Scenario) -> dict[_Case, Array]:
+    """What came of a scenario's cases already; empty at first.
+
+    Every rung of a ladder, row of a gate and step of a search is held against the same few ideal runs. Not
+    for code from outside, which may be other code by now.
+    """
+    del scenario
+    return {}
+
+
+def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int], known: dict[_Case, Array]) -> Array:
     """Least d_j of a scenario on the ideal plant, m, (M, C-1).
 
     With the same neighbours, seeds, measurements and dead time, as far as the ideal plant has them;
@@ -64,18 +84,20 @@ def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int]) -> Array:
         scenario: what to run, with nothing different in truth.
         trace: what happened, and the cases that it happened in.
         runs: which of its simulations, M of them.
+        known: what is known of it by case; what comes of others is added.
     """
-    cases: dict[tuple[int, Mismatch], int] = {}
-    which = [cases.setdefault(_case(trace, run), len(cases)) for run in runs]
-    least = np.full((len(cases), trace.distance_m.shape[2]), np.nan)
-    distinct = list(cases)
+    cases = [_case(trace, run) for run in runs]
+    distinct = [case for case in dict.fromkeys(cases) if case not in known]
+    if len(known) + len(distinct) > _MOST_KNOWN:
+        known, distinct = {}, list(dict.fromkeys(cases))
     for first in range(0, len(distinct), _TOGETHER):
-        part = slice(first, first + _TOGETHER)
-        least[part] = simulate(scenario, IDEAL, cases=distinct[part]).min_distance_m
-    return least[which]
+        part = distinct[first : first + _TOGETHER]
+        known |= zip(part, simulate(scenario, IDEAL, cases=part).min_distance_m, strict=True)
+    least = [known[case] for case in cases]
+    return np.array(least) if least else np.empty((0, trace.distance_m.shape[2]))
 
 
-def _case(trace: Trace, run: int) -> tuple[int, Mismatch]:
+def _case(trace: Trace, run: int) -> _Case:
     """Its seed, and what of its mismatch the ideal plant has; continuous time knows none."""
     there = trace.scenario.model_copy(update={"mismatch": trace.mismatch[run]})
     return int(trace.seeds[run]), acting(there, IDEAL, continuous=trace.continuous).mismatch

@@ -217,6 +217,11 @@ COMMANDS = (
     "sweep paper --ladder --workers 1 --seed 1 --out out",
     "theorem --runs 2 --seed 1 --duration 0.5",
     "survey --runs 2 --seed 1 --variants literal gated",
+    "falsify charge --plant bicycle --seed 1 --method random --against bicycle --findings 0 --out out",
+    "falsify charge --both --findings 1 --no-record --json",
+    "explain charge --plant double_integrator --seed 1",
+    "probability charge --plant bicycle --below 0 --seed 1 --method montecarlo --out out",
+    "harden charge --plant double_integrator --seed 1 --out out",
     "list all",
     "schema scenario",
     "check --junit out.xml --threads 1",
@@ -230,9 +235,12 @@ COMMANDS = (
     "new car mine --out .",
     "identify ./car --out out",
 )
+_SHORT = ["--workers", "1", "--set", "duration_s=0.05"]
 ENOUGH = {
     "theorem": ["--runs", "2"], "survey": ["--runs", "2"], "check": ["--only", "nothing"],
     "sweep": ["--set", "duration_s=0.05"], "run": ["--duration", "0.05"],
+    "falsify": [*_SHORT, "--budget", "1"], "explain": _SHORT, "probability": [*_SHORT, "--budget", "1"],
+    "harden": [*_SHORT, "--budget", "1", "--tries", "1", "--rounds", "1", "--fresh", "1"],
 }  # fmt: skip
 """What keeps a command short, at its end, where it has the last word."""
 WORDS = [str(v) for v in HOSTILE] + [

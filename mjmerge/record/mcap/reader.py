@@ -20,7 +20,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.contents import Found
-from mjmerge.record.manifest import SCHEMA_VERSIONS
+from mjmerge.record.manifest import EXPLANATION, SCHEMA_VERSIONS
 from mjmerge.record.mcap.file import McapFile, Message
 from mjmerge.state import NS_PER_S
 
@@ -31,8 +31,8 @@ _LATEST_NS = 2**62
 """No time in a file that can be read is later."""
 _MOST_FOREIGN = 20_000
 """Messages of another layout than ours that are decoded one by one; other writers keep the layout."""
-TEXTS = ("scenario.yaml", "world.xml", "manifest.json", "summary.json", "foxglove.json")
-"""The attachments of a recording."""
+TEXTS = ("scenario.yaml", "world.xml", "manifest.json", "summary.json", EXPLANATION, "foxglove.json")
+"""The attachments of a recording; of why it fails there is one only where somebody asked."""
 _DRAWN = {
     "/tf": "foxglove.FrameTransforms",
     "/scene": "foxglove.SceneUpdate",

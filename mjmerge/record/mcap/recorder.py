@@ -20,7 +20,7 @@ from foxglove.mcap import MCAPWriteOptions
 from numpy.typing import NDArray
 
 from mjmerge.record import schema
-from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
+from mjmerge.record.manifest import CONVENTIONS, EXPLANATION, SCHEMA_VERSION, manifest
 from mjmerge.record.mcap import foxglove as foxglove_layout
 from mjmerge.record.mcap.wire import Layout
 from mjmerge.record.recording import Header, Outcome, PosedBlock
@@ -107,6 +107,8 @@ class McapRecorder:
         self._writer.write_metadata("outcome", {"verdict": outcome.verdict})
         self._writer.write_metadata("sha256", dict(outcome.digests))
         self._attach("summary.json", "application/json", json.dumps(outcome.summary, indent=2))
+        if outcome.explanation is not None:
+            self._attach(EXPLANATION, "application/json", json.dumps(outcome.explanation, indent=2))
         self._writer.close()
 
     def abort(self) -> None:

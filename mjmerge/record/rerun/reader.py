@@ -20,7 +20,7 @@ from mjmerge.config.bounds import patience_s
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.contents import Found, Ticks
-from mjmerge.record.manifest import SCHEMA_VERSIONS
+from mjmerge.record.manifest import EXPLANATION, SCHEMA_VERSIONS
 from mjmerge.record.mcap.file import TooLargeError
 from mjmerge.record.rerun.file import whole_frames
 from mjmerge.state import NS_PER_S, Array
@@ -126,6 +126,8 @@ def gather_rrd(path: Path) -> Found:
                 found.properties["run"] = said | repeated
             elif entity == "/__properties/outcome" and "verdict" in names:
                 _once(found, found.texts, "summary.json", _one(batch, "summary"))
+                if "explanation" in names:
+                    _once(found, found.texts, EXPLANATION, _one(batch, "explanation"))
                 found.verdict = str(_one(batch, "verdict"))
                 found.sha256 = content.texts_of(content.json_of(_one(batch, "sha256"), "sha256"), "sha256")
             elif entity == "/events" and "TextLog:text" in names:

@@ -231,6 +231,8 @@ class Teller:
             "summary": json.dumps(outcome.summary),
             "sha256": json.dumps(dict(outcome.digests)),
         }
+        if outcome.explanation is not None:
+            about["explanation"] = json.dumps(outcome.explanation)
         self._stream.send_property("outcome", rr.AnyValues(**about))
         self._text("/run/report", report.finished(self._header, outcome), rr.MediaType.MARKDOWN)
 
