@@ -17,6 +17,7 @@ from mjmerge.search.falsify import SCREEN_S, Search
 from mjmerge.search.harden import Fresh, Hardened, worst_m
 from mjmerge.search.keys import words as between
 from mjmerge.sweep.plan import written
+from mjmerge.sweep.report import markdown_table
 from mjmerge.versions import versions
 
 if TYPE_CHECKING:
@@ -185,7 +186,7 @@ def _report(found: Hardened) -> Iterator[str]:
     yield "## What was chosen, and between what"
     yield ""
     rows = [(f"`{key}`", _own(found, key), between(spread)) for key, spread in found.keys.items()]
-    yield from _table(("key", "as it is", "between"), rows)
+    yield from markdown_table(("key", "as it is", "between"), rows)
     yield "## What this does not say"
     yield ""
     for line in _limits(found):
@@ -221,7 +222,7 @@ def _worth(found: Hardened) -> Iterator[str]:
         ("without mismatch: most that it asks for (m/s^2)", *(_number(law.peak_mps2) for law in both)),
         ("without mismatch: margin (m)", *(_number(law.nominal_m) for law in both)),
     ]
-    yield from _table(("", "as it is", "chosen"), rows)
+    yield from markdown_table(("", "as it is", "chosen"), rows)
 
 
 def _chosen(found: Hardened) -> Iterator[str]:
@@ -264,7 +265,7 @@ def _frontier(found: Hardened) -> Iterator[str]:
         (one.words, _number(one.worst_m), _number(one.merged_s), _number(one.peak_mps2), one.left_out)
         for one in found.frontier
     ]
-    yield from _table(head, body)
+    yield from markdown_table(head, body)
     yield f"![What margin costs]({FRONTIER})"
     yield ""
 
@@ -283,7 +284,7 @@ def _rounds(found: Hardened) -> Iterator[str]:
         counts = (len(one.search.looks), one.search.valid, len(one.search.failures), one.cases)
         no = sum(not law.solves for law in one.candidates)
         body.append((k, one.search.seed, *counts, len(one.candidates), one.refused, no))
-    yield from _table(head, body)
+    yield from markdown_table(head, body)
     for k, one in enumerate(found.rounds, 1):
         yield (
             f"- Round {k}: worst margin {_metres(_or_none(one.before.worst_m))} as it is, "
@@ -401,14 +402,6 @@ def _count(one: Fresh) -> int:
 
 def _fair(one: Fresh) -> int:
     return one.search.valid
-
-
-def _table(head: Sequence[str], body: Sequence[Sequence[object]]) -> Iterator[str]:
-    yield "| " + " | ".join(head) + " |"
-    yield "|" + "---|" * len(head)
-    for row in body:
-        yield "| " + " | ".join(map(str, row)) + " |"
-    yield ""
 
 
 def _number(value: float | None) -> str:

@@ -86,7 +86,7 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
         f"{CONFIDENCE:.0%}."
     )
     yield ""
-    yield from _table(
+    yield from markdown_table(
         ("scenario", "plant", "law", "runs", "distinct", "vacuous", "failed", "least d_j (m)"),
         [
             (
@@ -100,7 +100,7 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
             for key, group in groups(rows).items()
         ],
     )
-    yield from laws.section(rows, _table)
+    yield from laws.section(rows, markdown_table)
     named = [row for row in rows if row["mismatch"] not in (GRID, RANDOM)]
     if len({row["mismatch"] for row in named}) > 1:
         yield from _by_name(named)
@@ -144,7 +144,7 @@ def _by_name(rows: Rows) -> Iterator[str]:
     for (name,), of in groups(rows, ("mismatch",)).items():
         by = groups(of)
         body.append((name, *(_cell(by[c]) if c in by else "" for c in columns)))
-    yield from _table(("mismatch", *heads), body)
+    yield from markdown_table(("mismatch", *heads), body)
 
 
 def _cell(rows: Rows) -> str:
@@ -167,7 +167,7 @@ def _by_axis(plan: Plan, rows: Rows) -> Iterator[str]:
             for label, part in _slices(axis, group):
                 rate = failure_rate(part)
                 body.append((scenario, plant, variant, axis, label, rate, _metres(least_m(part))))
-    yield from _table(("scenario", "plant", "law", "axis", "value", "failed", "least d_j (m)"), body)
+    yield from markdown_table(("scenario", "plant", "law", "axis", "value", "failed", "least d_j (m)"), body)
 
 
 def _slices(axis: str, rows: Rows) -> Iterator[tuple[str, Rows]]:
@@ -205,7 +205,7 @@ def _symptoms(rows: Rows) -> Iterator[str]:
     )
     yield ""
     counts = Counter((row["verdict"], row["first_broken"] or "none") for row in failed)
-    yield from _table(
+    yield from markdown_table(
         ("verdict", "first broken", "runs"),
         [(verdict, first, n) for (verdict, first), n in counts.most_common()],
     )
@@ -249,10 +249,13 @@ def _own(plan: Plan, rows: Rows) -> Iterator[str]:
         for key, group in groups(rows).items()
         for name, numbers in own_metrics(plan, group).items()
     ]
-    yield from _table(("scenario", "plant", "law", "metric", "least", "median", "most", "not known"), body)
+    yield from markdown_table(
+        ("scenario", "plant", "law", "metric", "least", "median", "most", "not known"), body
+    )
 
 
-def _table(head: Sequence[str], body: Sequence[Sequence[object]]) -> Iterator[str]:
+def markdown_table(head: Sequence[str], body: Sequence[Sequence[object]]) -> Iterator[str]:
+    """A table as Markdown, line by line, and an empty line after it."""
     yield "| " + " | ".join(head) + " |"
     yield "|" + "---|" * len(head)
     for row in body:
