@@ -26,7 +26,9 @@ class Steady(Driver):
     def stands(self, time_s: float, own: Along, hold_s: float = 0.0) -> Mask:
         """See :meth:`Driver.stands`."""
         del time_s, hold_s
-        return np.broadcast_to(np.equal(self.speed_mps, 0), len(own.speed_mps))
+        found = np.empty(len(own.speed_mps), dtype=bool)
+        found[:] = np.equal(self.speed_mps, 0)
+        return found
 
     def acceleration_mps2(
         self, time_s: float, own: Along, leader: Along | None, drawn: Array | None, hold_s: float = 0.0

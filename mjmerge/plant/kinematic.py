@@ -87,7 +87,10 @@ def no_bodies(runs: int, cars: int) -> Array:
 
 def runaway(state: Array) -> list[Fault]:
     """Faults of simulations whose state, (N, C, K), is NaN or beyond all bounds."""
-    bad: Mask = ~np.all(np.abs(state) <= _BEYOND, axis=2)  # true for NaN
+    within: Mask = np.abs(state) <= _BEYOND  # false for NaN
+    if within.all():
+        return []
+    bad = ~within.all(axis=2)
     found = []
     for run in np.flatnonzero(np.any(bad, axis=1)):
         car = int(np.argmax(bad[run]))

@@ -108,7 +108,9 @@ class Feet:
         rests = np.abs(speed_mps) <= CRAWL_MPS
         self._feels = self._feels | stands
         self._feels[:, 1:] |= rests[:, 1:]
-        if before is None or not self._feels.any():
+        if not self._feels.any():
+            return a_mps2
+        if before is None:
             self._felt = np.zeros(stands.shape)
         else:
             off = (speed_mps - before[0]) / self._step_s - before[1]
