@@ -90,7 +90,7 @@ def runaway(state: Array) -> list[Fault]:
     within: Mask = np.abs(state) <= _BEYOND  # false for NaN
     if within.all():
         return []
-    bad: Mask = ~within.all(axis=2)
+    bad: Mask = ~np.all(within, axis=2)
     found = []
     for run in np.flatnonzero(np.any(bad, axis=1)):
         car = int(np.argmax(bad[run]))
