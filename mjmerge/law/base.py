@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator
@@ -103,6 +103,9 @@ class Law(Frozen):
     """The paper's Vehicle 1, behind which the ego is to be: the target is seen from it."""
     follower: Neighbour = neighbour(1)
     """The paper's Vehicle 2: the gap is between it and the leader. The barrier is against every neighbour."""
+    choice: Literal["named", "nearest", "largest", "first_open"] = "named"
+    """Which two it merges between: leader and follower as named, or as it goes those beside the nearest or the
+    largest gap in the leader's lane, or the nearest one that has room for it (dbar > 2 r)."""
     r_m: Positive = 0.6
     """Safe margin r between front axles, m; the scenario's, whatever the law: all are judged by it."""
     eps_v_mps: Annotated[Positive, Acts(on=WHEELS, continuous=True)] = 0.1

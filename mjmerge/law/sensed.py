@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mjmerge.state import Array, Cars, dot, norm
 
@@ -54,6 +55,10 @@ class Geometry:
     dbar_dot: Array
 
 
+Places = int | NDArray[np.intp]
+"""Where a neighbour is along their axis: the same in all simulations, or in each, (N,)."""
+
+
 class Terms(Protocol):
     """What distances are measured by: the margin, and who leads and who follows."""
 
@@ -62,12 +67,17 @@ class Terms(Protocol):
         """The margin r, m."""
 
     @property
-    def j_1(self) -> int:
+    def j_1(self) -> Places:
         """Where the leader is along the axis of neighbours."""
 
     @property
-    def j_2(self) -> int:
+    def j_2(self) -> Places:
         """Where the follower is."""
+
+
+def of_each(values: Array, j: Places) -> Array:
+    """Of one neighbour, (N, ...), in each simulation, from all of them, (N, C-1, ...)."""
+    return values[:, j] if isinstance(j, int) else values[np.arange(len(values)), j]
 
 
 def _unit(a: Array, length: Array) -> Array:
@@ -80,12 +90,12 @@ def geometry(law: Terms, sensed: Sensed) -> Geometry:
     e = sensed.p[:, None] - sensed.p_j
     distance = norm(e)
     g = _unit(e, distance)  # from the neighbour to the ego; the paper's text has it the other way round
-    p_21 = sensed.p_j[:, law.j_2] - sensed.p_j[:, law.j_1]
+    p_21 = of_each(sensed.p_j, law.j_2) - of_each(sensed.p_j, law.j_1)
     gap = norm(p_21)
     return Geometry(
         g=g,
         d=distance - law.r_m,
         d_dot=dot(g, sensed.v[:, None] - sensed.v_j),
         dbar=gap - law.r_m,
-        dbar_dot=dot(_unit(p_21, gap), sensed.v_j[:, law.j_2] - sensed.v_j[:, law.j_1]),
+        dbar_dot=dot(_unit(p_21, gap), of_each(sensed.v_j, law.j_2) - of_each(sensed.v_j, law.j_1)),
     )

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.law.asked import decided, remembered
 from mjmerge.law.base import Decision, Law, Memory
+from mjmerge.law.choice import PAIR, Two, carried, chosen, kept
 from mjmerge.law.sensed import Sensed
 from mjmerge.state import Array
 
-COMMON = ("leader", "follower", "r_m", "eps_v_mps")
+COMMON = ("leader", "follower", "choice", "r_m", "eps_v_mps")
 """Keys of every law that are the same in laws that are asked together: what distances are measured by."""
 
 
@@ -47,8 +48,20 @@ class Laws:
         """The first of them, which stands for what all have in common."""
         return self.parts[0][0]
 
-    def start(self, initial: Sequence[Mapping[str, float]]) -> Memory:
-        """What they remember at t = 0, given ``z`` and ``mu`` of each simulation; see :meth:`Law.start`."""
+    def start(self, initial: Sequence[Mapping[str, float]], seen: Sensed) -> Memory:
+        """What they remember at t = 0, and between whom they mean to merge; see :meth:`Law.start`.
+
+        Args:
+            initial: ``z`` and ``mu`` of each simulation.
+            seen: what there is to see then.
+        """
+        return {**self._start(initial), **kept(chosen(self.first, seen))}
+
+    def two(self, memory: Memory) -> Two:
+        """Between whom they mean to merge."""
+        return carried(memory, self.first)
+
+    def _start(self, initial: Sequence[Mapping[str, float]]) -> Memory:
         if len(self.parts) == 1 and all(one == initial[0] for one in initial):
             return self.first.start(self.runs, initial[0])
         rows: list[Memory] = [{}] * self.runs
@@ -59,6 +72,14 @@ class Laws:
 
     def decide(self, seen: Sensed, memory: Memory, step_s: float) -> Decision:
         """What they decide, and remember a control step later."""
+        if self.first.choice == "named":
+            return self._decide(seen, memory, step_s)
+        two, own = self.two(memory), {name: v for name, v in memory.items() if name not in PAIR}
+        decision = two.put_back(self.first, self._decide(two.arranged(self.first, seen), own, step_s))
+        after = {**remembered(self.first, own, decision, step_s), **kept(chosen(self.first, seen, two))}
+        return replace(decision, after=after)
+
+    def _decide(self, seen: Sensed, memory: Memory, step_s: float) -> Decision:
         if len(self.parts) == 1:
             return decided(self.first, seen, memory, step_s)
         u = np.empty((self.runs, 2))

@@ -31,7 +31,8 @@ from mjmerge.roster import Roster, slot
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import COLUMNS, Stop, Trace, signals_of, the_truth
+from mjmerge.law.choice import LEADER
+from mjmerge.simulation.trace import COLUMNS, Stop, Trace, place, signals_of, the_truth
 from mjmerge.state import NS_PER_S, Array
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -347,4 +348,8 @@ def _split(series: Mapping[str, Array], manifest: Mapping[str, Any], j_1: int) -
             size = int(np.prod(shape[leading:]))
             columns[c.name] = values[..., at : at + size].reshape(len(values), *shape)
             at += size
-    return columns if told is not None else columns | the_truth(columns, min(j_1, len(there.neighbours) - 1))
+    if told is not None:
+        return columns
+    last = len(there.neighbours) - 1
+    leader = place(columns, LEADER, min(j_1, last))
+    return columns | the_truth(columns, leader if isinstance(leader, int) else np.clip(leader, 0, last))

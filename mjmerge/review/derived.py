@@ -19,12 +19,14 @@ from mjmerge.drivers import Absent, Along, Driver, Traffic
 from mjmerge.law import AbsentLaw, Decision, Law, Memory, Sensed, remembered
 from mjmerge.law import geometry as seen_geometry
 from mjmerge.law.asked import slice_each
+from mjmerge.law.choice import FOLLOWER, LEADER, Two, chosen, kept
+from mjmerge.law.sensed import Places
 from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.simulation.sensing import Sensing, foresight
-from mjmerge.simulation.trace import Trace, the_truth
+from mjmerge.simulation.trace import Trace, along_neighbours, place, the_truth
 from mjmerge.state import Array, Cars, Controls, Mask, dot, norm
 from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
 
@@ -73,21 +75,31 @@ def at(cars: Cars, row: int) -> Cars:
     return Cars(**{name: values[row : row + 1] for name, values in vars(cars).items()})
 
 
-def geometry(front_m: Array, velocity_mps: Array, law: Law) -> dict[str, Any]:
-    """d_j, d_j' and the gap from positions and velocities, by column; (..., C, 2) -> (...)."""
+def geometry(front_m: Array, velocity_mps: Array, r_m: float, two: tuple[Places, Places]) -> dict[str, Any]:
+    """d_j, d_j' and the gap from positions and velocities, by column; (..., C, 2) -> (...).
+
+    Args:
+        front_m: front axles, m.
+        velocity_mps: of them.
+        r_m: the margin r, m.
+        two: where leader and follower are along the axis of neighbours; chosen ones at every tick, (...).
+    """
 
     def apart(p: Array, v: Array) -> tuple[Array, Array]:
         length = norm(p)
         unit = p / np.where(length == 0, 1.0, length)[..., None]
-        return length - law.r_m, dot(unit, v)
+        return length - r_m, dot(unit, v)
 
     def between(a: int, b: int) -> tuple[Array, Array]:
         return apart(
             front_m[..., a, :] - front_m[..., b, :], velocity_mps[..., a, :] - velocity_mps[..., b, :]
         )
 
+    def of(values: Array, j: Places) -> Array:
+        return along_neighbours(values[..., 1:, :], j)
+
     apart_m, rates = zip(*(between(0, j) for j in range(1, front_m.shape[-2])), strict=True)
-    gap, gap_rate = between(1 + law.j_2, 1 + law.j_1)
+    gap, gap_rate = apart(*(of(values, two[1]) - of(values, two[0]) for values in (front_m, velocity_mps)))
     distance, rate = np.stack(apart_m, axis=-1), np.stack(rates, axis=-1)
     return {"distance_m": distance, "distance_rate_mps": rate, "gap_m": gap, "gap_rate_mps": gap_rate}
 
@@ -128,14 +140,21 @@ def _memory(law: Law, trace: Trace) -> Memory:
 def _distances(found: Recorded, trace: Trace) -> Check:
     """d_j, d_j' and the gap follow from the positions and velocities."""
     c = found.columns
-    expected = geometry(c["front_m"], c["velocity_mps"], trace.scenario.law)
+    expected = geometry(c["front_m"], c["velocity_mps"], trace.scenario.r_m, _two(c, trace.scenario.law))
     says = "d_j, d_j' and the gap, from positions and velocities"
     return _check("distances", says, found, expected, _DISTANCE_M, _DISTANCE_M)
 
 
+def _two(columns: Mapping[str, Array], law: Law) -> tuple[Places, Places]:
+    """Where leader and follower are along the axis of neighbours, of those that are there."""
+    last = columns["front_m"].shape[-2] - 2
+    one, two = place(columns, LEADER, law.j_1), place(columns, FOLLOWER, law.j_2)
+    return tuple(j if isinstance(j, int) else np.clip(j, 0, last) for j in (one, two))  # type: ignore[return-value]
+
+
 def _sensing(found: Recorded, trace: Trace, cars: Cars) -> Check:
     """What the ego was told follows from the truth, the scenario's mismatch and the seed."""
-    there, j_1 = found.roster, trace.scenario.law.j_1
+    there, (leader, _) = found.roster, _two(found.columns, trace.scenario.law)
     if found.manifest["sensing"] == "exact":
         sense = Sensing((trace.scenario.mismatch,), [0], found.step_s, len(there.neighbours))
         if not (trace.continuous or sense.exact):
@@ -143,7 +162,7 @@ def _sensing(found: Recorded, trace: Trace, cars: Cars) -> Check:
         return Check("sensing", True, "the ego was told the truth")
     sense = Sensing((trace.scenario.mismatch,), [int(trace.seeds[0])], found.step_s, len(there.neighbours))
     rows = []
-    for k in range(len(found.ticks)):
+    for k, j_1 in enumerate(np.broadcast_to(leader, len(found.ticks)).tolist()):
         seen, u_1 = sense(at(cars, k), found.columns["u_mps2"][k : k + 1, 1 + j_1])
         told = {"front_m": seen.front_m, "velocity_mps": seen.velocity_mps, "heading_rad": seen.heading_rad}
         told |= {"speed_mps": seen.speed_mps, "steer_rad": seen.steer_rad}
@@ -182,13 +201,15 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
         speed_mps=speed,
         steer_rad=steer,
     )
-    seen_as = seen_geometry(law, Sensed.of(seen, c["sensed_leader_mps2"]))
+    two = Two(law.r_m, *_two(c, law))
+    seen_as = seen_geometry(two, Sensed.of(seen, c["sensed_leader_mps2"]))
     ahead, later = _foreseen(seen, found, trace)
     sensed = Sensed.of(ahead, c["sensed_leader_mps2"])
     u_0, signals = c["u_mps2"][:, 0], {}  # a law whose code is not let in decided what it did
     if not isinstance(law, AbsentLaw):
-        decision = _decided(found, trace, sensed)
+        decision = _decided(found, trace, sensed, two)
         u_0, signals = decision.u, dict(decision.signals)
+        signals |= _chosen(found, law, sensed, two, cars)
     own = {"sensed_distance_m": seen_as.d, "sensed_distance_rate_mps": seen_as.d_dot}
     own |= {} if later else {name: signals[name] for name in own if name in signals}
     u = np.concatenate([u_0[:, None], u_j], axis=1)
@@ -205,8 +226,23 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
     }
 
 
-def _decided(found: Recorded, trace: Trace, sensed: Sensed) -> Decision:
-    """What the law makes of what it saw.
+def _chosen(found: Recorded, law: Law, sensed: Sensed, two: Two, cars: Cars) -> dict[str, Array]:
+    """Whom the law chose at every tick, by what it saw and had chosen at the one before."""
+    c = found.columns
+    if law.choice == "named" or isinstance(two.j_1, int) or isinstance(two.j_2, int):
+        return {}
+    after = kept(chosen(law, sensed, two))
+    knows = np.diff(found.ticks, prepend=found.ticks[0]) == 1  # what went before is there
+    expected = {name: np.where(knows, np.roll(after[name], 1), c[name]) for name in after}
+    if found.ticks[0] == 0:
+        start = Sensed.of(at(cars, 0), np.zeros((1, 2)))
+        for name, number in kept(chosen(law, start)).items():
+            expected[name][0] = number[0]
+    return expected
+
+
+def _decided(found: Recorded, trace: Trace, sensed: Sensed, two: Two) -> Decision:
+    """What the law makes of what it saw, between whom it had chosen.
 
     Of all ticks at once, or of one after the other where it remembers more than is recorded; after a gap
     nobody knows what, and it decided what it did.
@@ -214,16 +250,19 @@ def _decided(found: Recorded, trace: Trace, sensed: Sensed) -> Decision:
     law, step_s, c = trace.scenario.law, 0.0 if trace.continuous else found.step_s, found.columns
     memory = law.start(1, trace.scenario.initial.opinion)
     if memory.keys() <= {*law.remembers}:
-        return law.decide(sensed, {name: c[name] for name in law.remembers}, step_s)
+        memory = {name: c[name] for name in law.remembers}
+        return two.put_back(law, law.decide(two.arranged(law, sensed), memory, step_s))
     whole = int(np.argmin([*(found.ticks == np.arange(len(found.ticks))), False]))
     made = []
-    for _, (now, _) in zip(range(whole), slice_each(sensed, {}), strict=False):
+    for _, (now, _) in zip(range(whole), slice_each(two.arranged(law, sensed), {}), strict=False):
         made.append(law.decide(now, memory, step_s))
         memory = remembered(law, memory, made[-1], step_s)
     names = [*law.gives, *(s.name for s in law.signals)]
+    signals = {name: np.concatenate([c[name][:0], *(one.signals[name] for one in made)]) for name in names}
+    first = two.of(slice(whole)).put_back(law, Decision(c["u_mps2"][:0, 0], signals)).signals
     return Decision(
         np.concatenate([*(one.u for one in made), c["u_mps2"][whole:, 0]]),
-        {name: np.concatenate([*(one.signals[name] for one in made), c[name][whole:]]) for name in names},
+        {name: np.concatenate([first[name], c[name][whole:]]) for name in names},
     )
 
 

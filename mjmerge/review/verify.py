@@ -112,7 +112,7 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     yield _fingerprints(found)
     yield from derived(found, trace)
     yield from drawn(found, trace)
-    again = replace(trace, **geometry(trace.front_m, trace.velocity_mps, trace.scenario.law))
+    again = replace(trace, **geometry(trace.front_m, trace.velocity_mps, trace.scenario.r_m, trace.two))
     (verdict,) = judge(again)
     yield verdict
     yield from claims(found, again, verdict)

@@ -101,7 +101,10 @@ class Log:
             if not (c.told and told_truth)
         }
         if told_truth:  # nothing is kept twice
-            self.columns |= the_truth(self.columns, scenario.law.j_1)
+            told = the_truth(self.columns, scenario.law.j_1)
+            if scenario.law.choice != "named":
+                told["sensed_leader_mps2"] = told["sensed_leader_mps2"] * np.nan  # as it is chosen
+            self.columns |= told
         self._stops: list[Stop] = []
         sinks = ((sink, BLOCK_S), (live, GLIMPSE_S))
         self._feeds = [

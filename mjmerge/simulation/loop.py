@@ -10,6 +10,7 @@ from mjmerge.config.bounds import check_runs
 from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Law, Laws, Memory, Sensed, geometry
 from mjmerge.law.base import OWN_DISTANCES
+from mjmerge.law.sensed import of_each
 from mjmerge.plant import check, make
 from mjmerge.scenario.cars import believed_sheets, car_sheets
 from mjmerge.scenario.effect import check as check_effect
@@ -120,18 +121,20 @@ def run(
     if world is None and (plant == "mujoco" or sink is not None or live is not None):
         world = build(scenario, mismatch)
     laws, h = Laws.of([one.law for one in each]), scenario.control_step_s
-    law, names, j_1 = laws.first, scenario.roster.cars, laws.first.j_1
+    law, names = laws.first, scenario.roster.cars
     moving = make(plant, each, world, threads)
     sense = Sensing(() if continuous else mismatch, seeds, h, len(names) - 1)
     sheets = tuple(believed_sheets(scenario))
     starts_m, hold_s = moving.observe().front_m[:, 1:], 0.0 if continuous else h
     traffic = Traffic.of(
         [one.neighbours for one in each], seeds, scenario.duration_s, starts_m, sheets[1:], hold_s,
-        (j_1, law.j_2),
+        (law.j_1, law.j_2),
     )  # fmt: skip
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     foresee = foresight(scenario, plant, continuous=continuous)
-    memory, made_own = laws.start([one.initial.opinion for one in each]), set(OWN_DISTANCES) <= set(law.gives)
+    began = Sensed.of(moving.observe(), np.zeros((runs, 2)))
+    memory = laws.start([one.initial.opinion for one in each], began)
+    made_own = set(OWN_DISTANCES) <= set(law.gives)
     running = np.ones(runs, dtype=bool)
     log = Log(
         scenario, plant, np.array(seeds, dtype=np.int64), sheets, mismatch, sink, live,
@@ -155,7 +158,8 @@ def run(
 
         # decide: the neighbours first, then the ego, which knows what the leader intends
         u_j = traffic.intend(cars, t)
-        seen, u_1 = sense(cars, u_j[:, j_1])
+        two = laws.two(memory)
+        seen, u_1 = sense(cars, of_each(u_j, two.j_1))
         ahead = foresee(seen)
         sensed = Sensed.of(ahead, u_1)
         decision = laws.decide(sensed, memory, 0.0 if continuous else h)
@@ -163,7 +167,7 @@ def run(
             if running[one]:
                 running[one] = False
                 log.stop(Stop(one, t, names[0], why))
-        truth = geometry(law, Sensed.of(cars, u_j[:, j_1]))
+        truth = geometry(two, Sensed.of(cars, u_1))
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
@@ -174,9 +178,11 @@ def run(
         # record
         row = _row(cars, truth, controls, moving.contacts()) | _of_law(law, memory, decision)
         if foresee.looks_ahead or not made_own:  # the law's distances are those of later, or it gives none
-            row |= _distances(truth if sense.exact else geometry(law, Sensed.of(seen, u_1)))
+            row |= _distances(truth if sense.exact else geometry(two, Sensed.of(seen, u_1)))
         if not sense.exact:
             row |= _told(seen, u_1)
+        elif law.choice != "named":
+            row["sensed_leader_mps2"] = u_1
         log.write(row, running, lambda: moving.qpos()[0])
         if progress is not None and k % _PROGRESS_TICKS == 0:
             progress(t)

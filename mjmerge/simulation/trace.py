@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from mjmerge.config.document import described
 from mjmerge.errors import MjmergeError
 from mjmerge.law import Law
+from mjmerge.law.base import Signal
+from mjmerge.law.choice import FOLLOWER, LEADER, recorded
+from mjmerge.law.sensed import Places
 from mjmerge.roster import PER_CAR, PER_NEIGHBOUR, PER_PAIR, WHEELS, XY, Axis, Roster, along
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
@@ -199,6 +202,22 @@ class Trace:
         return len(self.seeds)
 
     @property
+    def two(self) -> tuple[Places, Places]:
+        """Where its law's leader and follower are along the axis of neighbours; chosen ones, each (N, T)."""
+        law = self.scenario.law
+        return place(self.signals, LEADER, law.j_1), place(self.signals, FOLLOWER, law.j_2)
+
+    @property
+    def leader_m(self) -> Array:
+        """Front axle of the law's leader, m, (N, T, 2)."""
+        return along_neighbours(self.front_m[:, :, 1:], self.two[0])
+
+    @property
+    def follower_m(self) -> Array:
+        """Front axle of the law's follower, m, (N, T, 2)."""
+        return along_neighbours(self.front_m[:, :, 1:], self.two[1])
+
+    @property
     def min_distance_m(self) -> Array:
         """Smallest d_j of each simulation, m, (N, C-1); NaN rows where a run has no data at all."""
         return _least(self.distance_m)
@@ -242,15 +261,15 @@ COLUMNS: tuple[Column, ...] = tuple(
 
 def signals_of(law: Law) -> tuple[Column, ...]:
     """The columns of a law's own signals."""
-    return tuple(Column(s.name, s.axes, s.symbol or s.name, s.doc, told=False) for s in law.signals)
+    return tuple(Column(s.name, s.axes, s.symbol or s.name, s.doc, told=False) for s in recorded(law))
 
 
-def the_truth(columns: Mapping[str, Array], j_1: int) -> dict[str, Array]:
-    """The columns of what the ego is told where that is the truth: views of others.
+def the_truth(columns: Mapping[str, Array], leader: Places) -> dict[str, Array]:
+    """The columns of what the ego is told where that is the truth: views of others, but for a chosen leader.
 
     Args:
         columns: the others by name, (..., shape of the column).
-        j_1: where the leader is along the axis of neighbours.
+        leader: where it is along the axis of neighbours; a chosen one at every tick, (...).
     """
     return {
         "sensed_front_m": columns["front_m"],
@@ -258,8 +277,32 @@ def the_truth(columns: Mapping[str, Array], j_1: int) -> dict[str, Array]:
         "sensed_heading_rad": columns["heading_rad"][..., 0],
         "sensed_speed_mps": columns["speed_mps"][..., 0],
         "sensed_steer_rad": columns["steer_rad"][..., 0],
-        "sensed_leader_mps2": columns["u_mps2"][..., 1 + j_1, :],
+        "sensed_leader_mps2": along_neighbours(columns["u_mps2"][..., 1:, :], leader),
     }
+
+
+def place(columns: Mapping[str, Array], signal: Signal, named: int) -> Places:
+    """Where leader or follower is along the axis of neighbours: as named, or as chosen, (...).
+
+    Where nothing is known of a choice, as after a run's end, it is the named one.
+
+    Args:
+        columns: by name.
+        signal: whose number is meant, ``LEADER`` or ``FOLLOWER``.
+        named: where the one is that the law names.
+    """
+    if signal.name not in columns:
+        return named
+    number: Places = np.nan_to_num(columns[signal.name], nan=named + 1).astype(np.intp) - 1
+    return number
+
+
+def along_neighbours(values: Array, at: Places) -> Array:
+    """Of one neighbour each, (..., M), from all of them, (..., C-1, M)."""
+    if isinstance(at, int):
+        one: Array = values[..., at, :]
+        return one
+    return np.take_along_axis(values, at[..., None, None], axis=-2)[..., 0, :]
 
 
 def _least(values: Array) -> Array:

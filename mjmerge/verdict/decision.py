@@ -48,10 +48,9 @@ class DecisionMetrics:
 
 def conditions(trace: Trace) -> Mask:
     """Which of ``CONDITIONS`` hold, (N, T, 3); false where there is no data."""
-    p, law = trace.front_m, trace.scenario.law
+    x, law = trace.front_m[:, :, 0, 0], trace.scenario.law
     assert is_paper(law), "no other law has them"
-    one, two = 1 + law.j_1, 1 + law.j_2
-    beside = (p[:, :, 0, 0] - p[:, :, one, 0]) * (p[:, :, 0, 0] - p[:, :, two, 0]) < 0
+    beside = (x - trace.leader_m[..., 0]) * (x - trace.follower_m[..., 0]) < 0
     room = trace.gap_m > 2 * law.r_m
     open_ = trace.gap_rate_mps > -law.eps_1 * trace.gap_m
     return np.stack([beside, room, open_], axis=-1)

@@ -183,12 +183,11 @@ def _neighbours_apart(trace: Trace) -> Mask:
 
 def _leave_2r(trace: Trace) -> Mask:
     """In continuous time margins meet, and the run ends, between two ticks: the gap at the next counts."""
-    p, law, r = trace.front_m, trace.scenario.law, trace.scenario.r_m
-    one, two = 1 + law.j_1, 1 + law.j_2
+    ego, one, two, r = trace.front_m[:, :, 0], trace.leader_m, trace.follower_m, trace.scenario.r_m
     ahead_s = trace.scenario.control_step_s if trace.continuous else 0.0
     gap = trace.gap_m + np.minimum(trace.gap_rate_mps * ahead_s, 0) if ahead_s else trace.gap_m
-    between = (p[:, :, 0, 0] < p[:, :, one, 0]) & (p[:, :, 0, 0] > p[:, :, two, 0])
-    in_lane = np.abs(p[:, :, 0, 1] - p[:, :, one, 1]) < r
+    between = (ego[..., 0] < one[..., 0]) & (ego[..., 0] > two[..., 0])
+    in_lane = np.abs(ego[..., 1] - one[..., 1]) < r
     return between & in_lane & (gap + r <= 2 * r)
 
 
@@ -307,8 +306,9 @@ def _as_assumed(trace: Trace) -> Mask:
     e = trace.front_m[:, :, :1] - trace.front_m[:, :, 1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         towards = dot(e / norm(e)[..., None], trace.u_mps2[:, :, 1:])
-    others = np.arange(towards.shape[2]) != law.j_1
-    harder: Mask = np.any(towards[..., others] > law.a_j_mps2, axis=2)
+    leads = np.broadcast_to(trace.two[0], towards.shape[:2])[..., None]
+    others = np.arange(towards.shape[2]) != leads
+    harder: Mask = np.any(others & (towards > law.a_j_mps2), axis=2)
     return harder
 
 

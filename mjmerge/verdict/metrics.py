@@ -83,7 +83,7 @@ def collisions(trace: Trace, run: int = 0) -> list[Collision]:
 
 def lateral_error_m(trace: Trace) -> Array:
     """How far the ego is across the road from the leader, signed, m, (N, T)."""
-    return trace.front_m[:, :, 0, 1] - trace.front_m[:, :, 1 + trace.scenario.law.j_1, 1]
+    return trace.front_m[:, :, 0, 1] - trace.leader_m[..., 1]
 
 
 def intends(trace: Trace) -> Mask:
@@ -175,6 +175,15 @@ def clear_ticks_without_margin(trace: Trace) -> NDArray[np.int64]:
     return found
 
 
+def chosen_anew(trace: Trace, run: int) -> list[int]:
+    """Ticks at which one simulation's ego chooses a gap: the first, and others than before from then on."""
+    if trace.scenario.law.choice == "named":
+        return []
+    known = ~np.isnan(trace.distance_m[run]).any(axis=1)
+    pairs = np.stack([np.asarray(j)[run] for j in trace.two], axis=1)[known]
+    return [k for k in range(len(pairs)) if k == 0 or (pairs[k] != pairs[k - 1]).any()]
+
+
 def _opinion(trace: Trace, run: int, tick: int) -> str:
     """The opinion at a tick, where the law has one."""
     z = trace.opinion[run, tick]
@@ -243,6 +252,9 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
             first = speeds[np.argmax(speeds > 0)]
             hit = f" at {first:.2f} m/s, {impulse:.3g} N s" if impulse > 0 else ""
             add(start, "error", cars[a], f"touches {cars[b]}{hit}{within(start, end)}")
+    for k in chosen_anew(trace, run):
+        one, two = (cars[1 + int(np.asarray(j)[run, k])] for j in trace.two)
+        add(k, "info", "ego", f"chooses the gap between {one} and {two}")
     for c, name in enumerate(cars):
         for start, end in spans(saturated(trace)[run, :, c]):
             add(start, "warning", name, f"is asked for more than it can do{within(start, end)}")
