@@ -104,8 +104,8 @@ class Law(Frozen):
     follower: Neighbour = neighbour(1)
     """The paper's Vehicle 2: the gap is between it and the leader. The barrier is against every neighbour."""
     choice: Literal["named", "nearest", "largest", "first_open"] = "named"
-    """Which two it merges between: leader and follower as named, or as it goes those beside the nearest or the
-    largest gap in the leader's lane, or the nearest one that has room for it (dbar > 2 r)."""
+    """Which two it merges between: leader and follower as named, or as it goes those at the nearest gap in
+    the leader's lane, at the largest, or at the nearest one with room for it (dbar > 2 r)."""
     r_m: Positive = 0.6
     """Safe margin r between front axles, m; the scenario's, whatever the law: all are judged by it."""
     eps_v_mps: Annotated[Positive, Acts(on=WHEELS, continuous=True)] = 0.1

@@ -146,5 +146,6 @@ def kept(two: Two) -> dict[str, Array]:
     """What a loop remembers of the two: nothing where they are named."""
     if isinstance(two.j_1, int):
         return {}
-    return {LEADER.name: two.j_1 + 1.0, FOLLOWER.name: np.asarray(two.j_2) + 1.0}
-
+    return {
+        name: np.asarray(j + 1, dtype=np.float64) for name, j in zip(PAIR, (two.j_1, two.j_2), strict=True)
+    }

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from mjmerge.law import is_paper
+from mjmerge.law.choice import recorded
 from mjmerge.record.schema import LAW_TOPIC, SIGNAL_TOPIC, car_topic
 from mjmerge.roster import WHEELS, Roster, along
 from mjmerge.scenario.schema import Scenario
@@ -111,7 +112,7 @@ def _of_law(scenario: Scenario, paint: Mapping[str, Array]) -> Iterator[Plot]:
             ),
         )
     lines: list[Line] = []
-    for signal in scenario.law.signals:
+    for signal in recorded(scenario.law):
         called = signal.symbol or signal.name
         of = along(signal.axes, scenario.roster)
         if not of:

@@ -20,6 +20,7 @@ from pydantic import ValidationError
 from mjmerge.config.document import parse
 from mjmerge.errors import ScenarioError, UnreadableError
 from mjmerge.law import AbsentLaw
+from mjmerge.law.choice import LEADER
 from mjmerge.record import content
 from mjmerge.record.content import ContentError
 from mjmerge.record.contents import Found, Said, Ticks
@@ -31,8 +32,7 @@ from mjmerge.roster import Roster, slot
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
-from mjmerge.law.choice import LEADER
-from mjmerge.simulation.trace import COLUMNS, Stop, Trace, place, signals_of, the_truth
+from mjmerge.simulation.trace import COLUMNS, Stop, Trace, place_of, signals_of, the_truth
 from mjmerge.state import NS_PER_S, Array
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -351,5 +351,5 @@ def _split(series: Mapping[str, Array], manifest: Mapping[str, Any], j_1: int) -
     if told is not None:
         return columns
     last = len(there.neighbours) - 1
-    leader = place(columns, LEADER, min(j_1, last))
+    leader = place_of(columns, LEADER, min(j_1, last))
     return columns | the_truth(columns, leader if isinstance(leader, int) else np.clip(leader, 0, last))

@@ -26,7 +26,7 @@ from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.simulation.sensing import Sensing, foresight
-from mjmerge.simulation.trace import Trace, along_neighbours, place, the_truth
+from mjmerge.simulation.trace import Trace, along_neighbours, place_of, the_truth
 from mjmerge.state import Array, Cars, Controls, Mask, dot, norm
 from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
 
@@ -148,7 +148,7 @@ def _distances(found: Recorded, trace: Trace) -> Check:
 def _two(columns: Mapping[str, Array], law: Law) -> tuple[Places, Places]:
     """Where leader and follower are along the axis of neighbours, of those that are there."""
     last = columns["front_m"].shape[-2] - 2
-    one, two = place(columns, LEADER, law.j_1), place(columns, FOLLOWER, law.j_2)
+    one, two = place_of(columns, LEADER, law.j_1), place_of(columns, FOLLOWER, law.j_2)
     return tuple(j if isinstance(j, int) else np.clip(j, 0, last) for j in (one, two))  # type: ignore[return-value]
 
 

@@ -293,6 +293,9 @@ def check(plant: str, law: Law) -> None:
     """Raises MjmergeError unless plant and law are a differential equation."""
     if plant not in _COMMANDS:
         raise MjmergeError(f"{plant} has no continuous time; {' and '.join(_COMMANDS)} have")
+    if law.choice != "named":
+        why = "law.choice must be 'named' in continuous time: a choice is made from tick to tick"
+        raise MjmergeError(f"{why}, and is {law.choice!r}")
     _flow(law)
 
 

@@ -205,7 +205,7 @@ class Trace:
     def two(self) -> tuple[Places, Places]:
         """Where its law's leader and follower are along the axis of neighbours; chosen ones, each (N, T)."""
         law = self.scenario.law
-        return place(self.signals, LEADER, law.j_1), place(self.signals, FOLLOWER, law.j_2)
+        return place_of(self.signals, LEADER, law.j_1), place_of(self.signals, FOLLOWER, law.j_2)
 
     @property
     def leader_m(self) -> Array:
@@ -281,7 +281,7 @@ def the_truth(columns: Mapping[str, Array], leader: Places) -> dict[str, Array]:
     }
 
 
-def place(columns: Mapping[str, Array], signal: Signal, named: int) -> Places:
+def place_of(columns: Mapping[str, Array], signal: Signal, named: int) -> Places:
     """Where leader or follower is along the axis of neighbours: as named, or as chosen, (...).
 
     Where nothing is known of a choice, as after a run's end, it is the named one.
