@@ -13,7 +13,7 @@ about the barrier; about the merge it speaks of two that stay.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,7 @@ class Two:
     r_m: float
     j_1: Places
     j_2: Places
+    _orders: dict[int, NDArray[np.intp]] = field(default_factory=dict, repr=False, compare=False)
 
     def of(self, rows: slice) -> Two:
         """The same of some simulations."""
@@ -55,9 +56,8 @@ class Two:
         order = self._order(law, seen.p_j.shape[1])
         if order is None:
             return seen
-        at = order[..., None]
-        p_j, v_j = (np.take_along_axis(values, at, axis=1) for values in (seen.p_j, seen.v_j))
-        return replace(seen, p_j=p_j, v_j=v_j)
+        rows = _rows(order)
+        return replace(seen, p_j=seen.p_j[rows, order], v_j=seen.v_j[rows, order])
 
     def put_back(self, law: Law, decision: Decision) -> Decision:
         """A decision about what was :meth:`arranged`, with each neighbour in its own place, and the two."""
@@ -67,24 +67,33 @@ class Two:
         each = {*OWN_DISTANCES, *(s.name for s in law.signals if s.axes[:1] == (PER_NEIGHBOUR,))}
         for name in signals.keys() & each:
             order = self._order(law, signals[name].shape[1])
-            if order is not None:  # a swap or a cycle: what stood at place i goes to order[i]
-                back = np.argsort(order, axis=1).reshape(*order.shape, *(1,) * (signals[name].ndim - 2))
-                signals[name] = np.take_along_axis(signals[name], back, axis=1)
-        for signal, j in ((LEADER, self.j_1), (FOLLOWER, self.j_2)):
-            signals[signal.name] = np.asarray(j) + 1.0
-        return replace(decision, signals=signals)
+            if order is not None:
+                own = np.empty_like(signals[name])
+                own[_rows(order), order] = signals[name]
+                signals[name] = own
+        return replace(decision, signals=signals | kept(self))
 
     def _order(self, law: Law, neighbours: int) -> NDArray[np.intp] | None:
-        """Who stands in each place, (N, C-1); ``None`` where it is the named two."""
-        if isinstance(self.j_1, int):
+        """Who stands in each place, (N, C-1); ``None`` where all stand in their own."""
+        if isinstance(self.j_1, int) or isinstance(self.j_2, int):
             return None
-        order = np.tile(np.arange(neighbours), (len(self.j_1), 1))
+        if (self.j_1 == law.j_1).all() and (self.j_2 == law.j_2).all():
+            return None
+        if neighbours in self._orders:
+            return self._orders[neighbours]
         rows = np.arange(len(self.j_1))
-        for place, wanted in ((law.j_1, self.j_1), (law.j_2, np.asarray(self.j_2))):
+        order = np.broadcast_to(np.arange(neighbours), (len(rows), neighbours)).copy()
+        for place, wanted in ((law.j_1, self.j_1), (law.j_2, self.j_2)):
             now = np.argmax(order == wanted[:, None], axis=1)
             order[rows, now] = order[:, place]
             order[rows, place] = wanted
+        self._orders[neighbours] = order
         return order
+
+
+def _rows(order: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The simulation of each place, (N, 1)."""
+    return np.arange(len(order))[:, None]
 
 
 def recorded(law: Law) -> tuple[Signal, ...]:
@@ -105,18 +114,20 @@ def chosen(law: Law, seen: Sensed, before: Two | None = None) -> Two:
         return Two(law.r_m, law.j_1, law.j_2)
     p, p_j, rows = seen.p, seen.p_j, np.arange(len(seen.p))
     lane_m = p_j[:, law.j_1, 1]
+    away = np.abs(p[:, 1] - lane_m) > law.r_m
+    if before is not None and not away.any():
+        return before
     within: Mask = np.abs(p_j[..., 1] - lane_m[:, None]) < law.r_m
     along = np.where(within, p_j[..., 0], -np.inf)
     queue = np.argsort(-along, axis=1, kind="stable")  # from the first one on; who is not in the lane is last
     j_1, j_2 = queue[:, :-1], queue[:, 1:]
-    there = np.take_along_axis(within, j_2, axis=1)
+    there = within[rows[:, None], j_2]
     cost = np.where(there, _cost_m(law, seen, j_1, j_2), np.inf)
     best = np.argmin(cost, axis=1)
     if before is not None:
         same = (j_1 == np.asarray(before.j_1)[:, None]) & (j_2 == np.asarray(before.j_2)[:, None])
         now, stays = np.argmax(same, axis=1), same.any(axis=1)
         better = cost[rows, best] < cost[rows, now] - law.r_m
-        away = np.abs(p[:, 1] - lane_m) > law.r_m
         best = np.where(stays & ~(better & away), now, best)
     known = np.isfinite(cost[rows, best])
     one, two = (before.j_1, before.j_2) if before is not None else (law.j_1, law.j_2)
@@ -125,8 +136,8 @@ def chosen(law: Law, seen: Sensed, before: Two | None = None) -> Two:
 
 def _cost_m(law: Law, seen: Sensed, j_1: NDArray[np.intp], j_2: NDArray[np.intp]) -> Array:
     """How bad each gap is, m, (N, C-2)."""
-    x = seen.p_j[..., 0]
-    one, two = np.take_along_axis(x, j_1, axis=1), np.take_along_axis(x, j_2, axis=1)
+    x, rows = seen.p_j[..., 0], np.arange(len(j_1))[:, None]
+    one, two = x[rows, j_1], x[rows, j_2]
     if law.choice == "largest":
         return two - one
     away: Array = np.abs((one + two) / 2 - seen.p[:, :1])
