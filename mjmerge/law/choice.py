@@ -121,17 +121,15 @@ def chosen(law: Law, seen: Sensed, before: Two | None = None) -> Two:
     along = np.where(within, p_j[..., 0], -np.inf)
     queue = np.argsort(-along, axis=1, kind="stable")  # from the first one on; who is not in the lane is last
     j_1, j_2 = queue[:, :-1], queue[:, 1:]
-    there = within[rows[:, None], j_2]
-    cost = np.where(there, _cost_m(law, seen, j_1, j_2), np.inf)
+    cost = np.where(within[rows[:, None], j_2], _cost_m(law, seen, j_1, j_2), np.inf)
     best = np.argmin(cost, axis=1)
+    anew: Mask = np.isfinite(cost[rows, best])
+    one, two = (law.j_1, law.j_2) if before is None else (before.j_1, before.j_2)
     if before is not None:
-        same = (j_1 == np.asarray(before.j_1)[:, None]) & (j_2 == np.asarray(before.j_2)[:, None])
-        now, stays = np.argmax(same, axis=1), same.any(axis=1)
-        better = cost[rows, best] < cost[rows, now] - law.r_m
-        best = np.where(stays & ~(better & away), now, best)
-    known = np.isfinite(cost[rows, best])
-    one, two = (before.j_1, before.j_2) if before is not None else (law.j_1, law.j_2)
-    return Two(law.r_m, np.where(known, j_1[rows, best], one), np.where(known, j_2[rows, best], two))
+        same = (j_1 == np.asarray(one)[:, None]) & (j_2 == np.asarray(two)[:, None])
+        there = same.any(axis=1)  # unless somebody has come between them
+        anew &= away & ~(there & (cost[rows, best] >= cost[rows, np.argmax(same, axis=1)] - law.r_m))
+    return Two(law.r_m, np.where(anew, j_1[rows, best], one), np.where(anew, j_2[rows, best], two))
 
 
 def _cost_m(law: Law, seen: Sensed, j_1: NDArray[np.intp], j_2: NDArray[np.intp]) -> Array:
@@ -150,7 +148,8 @@ def carried(memory: Mapping[str, Array], law: Law) -> Two:
     """The two as a loop remembers them."""
     if law.choice == "named":
         return Two(law.r_m, law.j_1, law.j_2)
-    return Two(law.r_m, *(memory[s.name].astype(np.intp) - 1 for s in (LEADER, FOLLOWER)))
+    j_1, j_2 = (memory[name].astype(np.intp) - 1 for name in PAIR)
+    return Two(law.r_m, j_1, j_2)
 
 
 def kept(two: Two) -> dict[str, Array]:
