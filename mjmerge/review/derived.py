@@ -23,6 +23,7 @@ from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
 from mjmerge.scenario.cars import believed_sheets
+from mjmerge.simulation.loop import recorded
 from mjmerge.simulation.sensing import Sensing, foresight
 from mjmerge.simulation.trace import Trace, the_truth
 from mjmerge.state import Array, Cars, Controls, Mask, dot, norm
@@ -92,6 +93,14 @@ def geometry(front_m: Array, velocity_mps: Array, law: Law) -> dict[str, Any]:
     return {"distance_m": distance, "distance_rate_mps": rate, "gap_m": gap, "gap_rate_mps": gap_rate}
 
 
+def end_of(trace: Trace) -> dict[str, Array]:
+    """The columns about the end of the ego's lane from its motion, each (1, T); none where it goes on."""
+    ramp = trace.ramp
+    if ramp is None:
+        return {}
+    return ramp.columns(trace.front_m[:, :, 0], trace.velocity_mps[:, :, 0], trace.heading_rad[:, :, 0])
+
+
 def _start(found: Recorded, trace: Trace) -> Check:
     """The first tick is the scenario's beginning."""
     if found.ticks[0] != 0:
@@ -129,7 +138,10 @@ def _distances(found: Recorded, trace: Trace) -> Check:
     """d_j, d_j' and the gap follow from the positions and velocities."""
     c = found.columns
     expected = geometry(c["front_m"], c["velocity_mps"], trace.scenario.law)
-    says = "d_j, d_j' and the gap, from positions and velocities"
+    says, ramp = "d_j, d_j' and the gap, from positions and velocities", trace.ramp
+    if ramp is not None:
+        expected |= ramp.columns(c["front_m"][:, 0], c["velocity_mps"][:, 0], c["heading_rad"][:, 0])
+        says = "d_j, d_j', the gap and the end of the lane, from positions, velocities and headings"
     return _check("distances", says, found, expected, _DISTANCE_M, _DISTANCE_M)
 
 
@@ -184,11 +196,12 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
     )
     seen_as = seen_geometry(law, Sensed.of(seen, c["sensed_leader_mps2"]))
     ahead, later = _foreseen(seen, found, trace)
-    sensed = Sensed.of(ahead, c["sensed_leader_mps2"])
+    ramp = trace.ramp
+    sensed = Sensed.of(ahead, c["sensed_leader_mps2"], None if ramp is None else ramp.obstacle)
     u_0, signals = c["u_mps2"][:, 0], {}  # a law whose code is not let in decided what it did
     if not isinstance(law, AbsentLaw):
         decision = _decided(found, trace, sensed)
-        u_0, signals = decision.u, dict(decision.signals)
+        u_0, signals = decision.u, recorded(law, decision.signals, len(found.roster.neighbours))
     own = {"sensed_distance_m": seen_as.d, "sensed_distance_rate_mps": seen_as.d_dot}
     own |= {} if later else {name: signals[name] for name in own if name in signals}
     u = np.concatenate([u_0[:, None], u_j], axis=1)
@@ -221,9 +234,10 @@ def _decided(found: Recorded, trace: Trace, sensed: Sensed) -> Decision:
         made.append(law.decide(now, memory, step_s))
         memory = remembered(law, memory, made[-1], step_s)
     names = [*law.gives, *(s.name for s in law.signals)]
+    told = [recorded(law, one.signals, len(found.roster.neighbours)) for one in made]
     return Decision(
         np.concatenate([*(one.u for one in made), c["u_mps2"][whole:, 0]]),
-        {name: np.concatenate([*(one.signals[name] for one in made), c[name][whole:]]) for name in names},
+        {name: np.concatenate([*(one[name] for one in told), c[name][whole:]]) for name in names},
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from mjmerge.plant import check, make
 from mjmerge.scenario.cars import believed_sheets, car_sheets
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.ramp import Ramp
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.arguments import check_run
 from mjmerge.simulation.log import Log, Sink
@@ -131,6 +132,8 @@ def run(
     )  # fmt: skip
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     foresee = foresight(scenario, plant, continuous=continuous)
+    ramp = Ramp.of(each, plant)
+    end = None if ramp is None else ramp.obstacle
     memory, made_own = laws.start([one.initial.opinion for one in each]), set(OWN_DISTANCES) <= set(law.gives)
     running = np.ones(runs, dtype=bool)
     log = Log(
@@ -140,7 +143,7 @@ def run(
     if continuous:
         from mjmerge.simulation.continuous import solve  # scipy takes its time to import
 
-        moving = flow = solve(scenario, plant, moving, traffic, believed, log.time_s, progress)
+        moving = flow = solve(scenario, plant, moving, traffic, believed, log.time_s, progress, ramp)
         progress = None
 
     for k, t in enumerate(log.time_s.tolist()):
@@ -157,7 +160,7 @@ def run(
         u_j = traffic.intend(cars, t)
         seen, u_1 = sense(cars, u_j[:, j_1])
         ahead = foresee(seen)
-        sensed = Sensed.of(ahead, u_1)
+        sensed = Sensed.of(ahead, u_1, end)
         decision = laws.decide(sensed, memory, 0.0 if continuous else h)
         for one, why in decision.failed.items():
             if running[one]:
@@ -172,7 +175,9 @@ def run(
         foresee.told(controls)
 
         # record
-        row = _row(cars, truth, controls, moving.contacts()) | _of_law(law, memory, decision)
+        row = _row(cars, truth, controls, moving.contacts()) | _of_law(law, memory, decision, len(names) - 1)
+        if ramp is not None:
+            row |= ramp.columns(cars.front_m[:, 0], cars.velocity_mps[:, 0], cars.heading_rad[:, 0])
         if foresee.looks_ahead or not made_own:  # the law's distances are those of later, or it gives none
             row |= _distances(truth if sense.exact else geometry(law, Sensed.of(seen, u_1)))
         if not sense.exact:
@@ -204,9 +209,15 @@ def _distances(told: Geometry) -> dict[str, Array]:
     return {"sensed_distance_m": told.d, "sensed_distance_rate_mps": told.d_dot}
 
 
-def _of_law(law: Law, memory: Memory, decision: Decision) -> dict[str, Array]:
+def _of_law(law: Law, memory: Memory, decision: Decision, neighbours: int) -> dict[str, Array]:
     """What the law remembers and made of one tick, as far as it is recorded."""
-    return {name: memory[name] for name in law.remembers} | dict(decision.signals)
+    return {name: memory[name] for name in law.remembers} | recorded(law, decision.signals, neighbours)
+
+
+def recorded(law: Law, signals: Mapping[str, Array], neighbours: int) -> dict[str, Array]:
+    """What a law decided as it is recorded: its distances, and what it asks of others, of cars alone."""
+    asks = [s.name for s in law.signals if s.asks and s.axes]
+    return {n: v[:, :neighbours] if n in OWN_DISTANCES or n in asks else v for n, v in signals.items()}
 
 
 def _row(
