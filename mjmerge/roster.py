@@ -78,8 +78,10 @@ def in_order(names: Iterable[str]) -> tuple[str, ...]:
     return (EGO, *sorted(slots, key=slots.__getitem__))
 
 
-PER_CAR, PER_NEIGHBOUR, PER_PAIR = "cars", "neighbours", "pairs"
-"""Axes that are as long as the roster says."""
+PER_CAR, PER_NEIGHBOUR, PER_PAIR, PER_SENSED = "cars", "neighbours", "pairs", "sensed"
+"""Axes that are as long as the roster says; the last has the neighbours, then the end of the ego's lane."""
+END = "end"
+"""What the end of the ego's lane is called among those that a law keeps clear of."""
 Axis = str | tuple[str, ...]
 """One of these, or the names along an axis that is the same for every roster."""
 
@@ -87,6 +89,7 @@ Axis = str | tuple[str, ...]
 def along(axes: tuple[Axis, ...], there: Roster) -> tuple[tuple[str, ...], ...]:
     """The names along some axes, for the cars that are there."""
     named = {PER_CAR: there.cars, PER_NEIGHBOUR: there.neighbours, PER_PAIR: there.pair_names}
+    named[PER_SENSED] = (*there.neighbours, END)
     return tuple(named[axis] if isinstance(axis, str) else axis for axis in axes)
 
 

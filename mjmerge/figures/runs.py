@@ -41,6 +41,7 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     for c, car in enumerate(trace.roster.cars):
         lateral.plot(t, trace.front_m[run, :, c, 1], color=colour(car), label=_name(car))
     lateral.set_ylabel("lateral position $\\eta^\\top p$ (m)")
+    _draw_end(lateral, trace, run)
     _draw_distances(distance, trace, run)
     distance.set_xlabel("time (s)")
     for axes in (opinion, lateral, distance):
@@ -146,8 +147,23 @@ def _draw_distances(axes: Axes, trace: Trace, run: int, of: str = "", **style: A
     for j, car in enumerate(trace.roster.neighbours):
         label = f"$d_{j + 1}$ to {_name(car)}{of}"
         axes.plot(trace.time_s, trace.distance_m[run, :, j], color=colour(car), label=label, **style)
+    if trace.edge_distance_m is not None:
+        label, dashed = f"body to the edge{of}", {"linestyle": "--", "color": "0.4"} | style
+        axes.plot(trace.time_s, trace.edge_distance_m[run], label=label, **dashed)
     axes.axhline(0, color=LINE, linewidth=1)
     axes.set_ylabel("distance $d_j$ (m)")
+
+
+def _draw_end(axes: Axes, trace: Trace, run: int) -> None:
+    """Where there is no road any more beside an ego that is past the end of its lane; nothing elsewhere."""
+    ramp = trace.ramp
+    if ramp is None:
+        return
+    nose_m = trace.front_m[run, :, 0, 0] + ramp.sheet.front_overhang_m
+    edge_m, outer_m = np.full_like(nose_m, ramp.inner_m[0]), ramp.outer_m[0]
+    axes.fill_between(
+        trace.time_s, edge_m, outer_m, where=nose_m > ramp.ends_m, color="0.8", linewidth=0, label="no road"
+    )
 
 
 def difference(

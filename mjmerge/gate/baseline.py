@@ -19,7 +19,7 @@ from mjmerge.outputs import cannot_write, put
 
 VERSIONS = ("mjmerge", "mujoco", "numpy")
 """Packages whose versions a margin depends on."""
-_CLEARANCE = "min_clearance_m"
+_CLEARANCE, _EDGE = "min_clearance_m", "min_edge_distance_m"
 _DISTANCE = re.compile(r"min_d_([1-9][0-9]?)_m")
 _NEEDED = ("row", "min_d_1_m", "min_d_2_m", _CLEARANCE)
 _HEAD = (*_NEEDED, *VERSIONS)
@@ -32,15 +32,20 @@ class RowMargins:
     Attributes:
         min_d_m: smallest d_j of each neighbour, m, (C-1,).
         min_clearance_m: smallest distance of the ego's body to another, m; NaN without bodies.
+        min_edge_m: smallest distance of it from the edge where its lane ends, m; ``None`` where it goes on.
     """
 
     min_d_m: tuple[float, ...]
     min_clearance_m: float
+    min_edge_m: float | None = None
 
     @property
     def numbers(self) -> dict[str, float]:
-        """By the name of their columns: ``min_d_1_m`` and so on, then ``min_clearance_m``."""
-        return {f"min_d_{j}_m": d for j, d in enumerate(self.min_d_m, 1)} | {_CLEARANCE: self.min_clearance_m}
+        """By the name of their columns: ``min_d_1_m`` and so on, ``min_clearance_m``, then the edge's."""
+        found = {f"min_d_{j}_m": d for j, d in enumerate(self.min_d_m, 1)} | {
+            _CLEARANCE: self.min_clearance_m
+        }
+        return found if self.min_edge_m is None else found | {_EDGE: self.min_edge_m}
 
 
 Entry = tuple[RowMargins, Mapping[str, str]]
@@ -75,10 +80,14 @@ def read(file: Path) -> dict[str, Entry]:
                 _number(row[key]) for key in sorted(filter(_DISTANCE.fullmatch, row), key=_place) if row[key]
             ]
             clearance = _number(row[_CLEARANCE])
+            edge = _number(row[_EDGE]) if row.get(_EDGE) else None
         except ValueError as error:
             problems.append(Problem(f"{name!r}: {error}", "", number))
             continue
-        found[name] = RowMargins(tuple(least), clearance), {key: row.get(key) or "-" for key in VERSIONS}
+        found[name] = (
+            RowMargins(tuple(least), clearance, edge),
+            {key: row.get(key) or "-" for key in VERSIONS},
+        )
     if problems:
         raise ScenarioError(file, problems)
     return found
@@ -131,7 +140,7 @@ def _rows(file: Path) -> Iterator[tuple[int, dict[str, str]]]:
             if short or len(values) > len(names):
                 message = f"{len(values)} values in {len(names)} columns"
                 raise ScenarioError(file, [Problem(message, "", table.line_num)])
-            numbers = [key for key in row if key == _CLEARANCE or _DISTANCE.fullmatch(key)]
+            numbers = [key for key in row if key in (_CLEARANCE, _EDGE) or _DISTANCE.fullmatch(key)]
             yield table.line_num, row | {key: row[key].replace(decimal, ".") for key in numbers}
     except csv.Error as error:
         raise ScenarioError(file, [Problem(f"no table of values: {error}", "", table.line_num)]) from error

@@ -205,9 +205,12 @@ def _alike(row: RowResult) -> tuple[Path, str, str]:
 
 def _measured(trace: Trace) -> list[RowMargins]:
     clearance = trace.min_clearance_m[:, : len(trace.roster.neighbours)].min(axis=1)
+    edge: list[float | None] = [None] * trace.runs
+    if trace.edge_distance_m is not None:
+        edge = trace.least_m[:, -1].tolist()
     return [
-        RowMargins(tuple(least), float(c))
-        for least, c in zip(trace.min_distance_m.tolist(), clearance, strict=True)
+        RowMargins(tuple(least), float(c), e)
+        for least, c, e in zip(trace.min_distance_m.tolist(), clearance, edge, strict=True)
     ]
 
 
@@ -264,6 +267,13 @@ def _moved(
         return
     if len(measured.min_d_m) != len(before.min_d_m):
         yield f"there are {len(measured.min_d_m)} neighbours, and there were {len(before.min_d_m)}"
+        return
+    if (measured.min_edge_m is None) != (before.min_edge_m is None):
+        yield (
+            "the ego's lane ends, and did not"
+            if before.min_edge_m is None
+            else "the ego's lane no longer ends"
+        )
         return
     for name, now in measured.numbers.items():
         then = before.numbers[name]

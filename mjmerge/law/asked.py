@@ -41,10 +41,11 @@ TAKEN = frozenset(
         "gap_rate_mps", "clearance_m", "contact_impulse_n_s", "contact_speed_mps", "target_m",
         "u_n_mps2", "u_c_mps2", "u_mps2", "front_m", "velocity_mps", "heading_rad", "speed_mps",
         "steer_rad", "a_mps2", "omega_radps", "steer_command_rad", "torque_n_m",
-        "torque_clipped_n_m", "steer_clipped_rad",
+        "torque_clipped_n_m", "steer_clipped_rad", "end_distance_m", "end_distance_rate_mps",
+        "edge_distance_m",
     }
 )  # fmt: skip
-"""What no signal can be called: the columns of every trace (a test holds this against their declaration)."""
+"""What no signal can be called: a column that is no law's (a test holds this against their declaration)."""
 _ROWS = 3
 
 

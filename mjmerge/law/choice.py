@@ -96,23 +96,24 @@ def _rows(order: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.arange(len(order))[:, None]
 
 
-def recorded(law: Law) -> tuple[Signal, ...]:
+def records(law: Law) -> tuple[Signal, ...]:
     """What a law records beside the columns of every trace: its own signals, and whom it has chosen."""
     chosen_ones = () if law.choice == "named" else (LEADER, FOLLOWER)
     return (*(s for s in law.signals if s.name not in PAIR or not chosen_ones), *chosen_ones)
 
 
-def chosen(law: Law, seen: Sensed, before: Two | None = None) -> Two:
+def chosen(law: Law, seen: Sensed, before: Two | None = None, neighbours: int | None = None) -> Two:
     """The two that a law means to merge between from now on.
 
     Args:
         law: with its ``choice``, and the lane of its named leader.
         seen: what the ego senses.
         before: who they are so far; ``None`` at the start, when there is nothing to keep.
+        neighbours: how many there are, before what else is seen; ``None``: all that is.
     """
     if law.choice == "named":
         return Two(law.r_m, law.j_1, law.j_2)
-    p, p_j, rows = seen.p, seen.p_j, np.arange(len(seen.p))
+    p, p_j, rows = seen.p, seen.p_j[:, :neighbours], np.arange(len(seen.p))
     lane_m = p_j[:, law.j_1, 1]
     away = np.abs(p[:, 1] - lane_m) > law.r_m
     if before is not None and not away.any():

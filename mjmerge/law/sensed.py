@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,10 +11,16 @@ from numpy.typing import NDArray
 
 from mjmerge.state import Array, Cars, dot, norm
 
+End = Callable[[Array, Array], tuple[Array, Array]]
+"""From p and v of the ego to p and v of what it is told of the end of its lane, (N, 2) each."""
+
 
 @dataclass(frozen=True)
 class Sensed:
     """All the law ever sees of the world, of an ego and C - 1 neighbours.
+
+    Where the ego's lane ends and the law is told so, the last of the neighbours is the nearest point of that
+    end.
 
     Attributes:
         p: the ego's front axle, m, (N, 2).
@@ -30,10 +37,22 @@ class Sensed:
     u_1: Array
 
     @classmethod
-    def of(cls, cars: Cars, u_1: Array) -> Sensed:
-        """From the motion of all cars and what the leader intends, m/s^2, (N, 2)."""
+    def of(cls, cars: Cars, u_1: Array, end: End | None = None) -> Sensed:
+        """What there is to see.
+
+        Args:
+            cars: the motion of all cars.
+            u_1: what the leader intends, m/s^2, (N, 2).
+            end: gives the nearest point of the end of the ego's lane, and its velocity, (N, 2) each, from
+                where the ego is and its velocity; where the law is told of one.
+        """
         p, v = cars.front_m, cars.velocity_mps
-        return cls(p=p[:, 0], v=v[:, 0], p_j=p[:, 1:], v_j=v[:, 1:], u_1=u_1)
+        p_j, v_j = p[:, 1:], v[:, 1:]
+        if end is not None:
+            p_end, v_end = end(p[:, 0], v[:, 0])
+            p_j = np.concatenate([p_j, p_end[:, None]], axis=1)
+            v_j = np.concatenate([v_j, v_end[:, None]], axis=1)
+        return cls(p=p[:, 0], v=v[:, 0], p_j=p_j, v_j=v_j, u_1=u_1)
 
 
 @dataclass(frozen=True)

@@ -25,13 +25,15 @@ class Laws:
     Attributes:
         parts: each law, and its simulations, (M,).
         runs: how many simulations, N.
+        neighbours: how many each has, C - 1.
     """
 
     parts: tuple[tuple[Law, NDArray[np.intp]], ...]
     runs: int
+    neighbours: int
 
     @classmethod
-    def of(cls, laws: Sequence[Law]) -> Laws:
+    def of(cls, laws: Sequence[Law], neighbours: int) -> Laws:
         """From the law of each simulation, (N,); all of a kind, alike in ``COMMON``."""
         found: list[tuple[Law, list[int]]] = []
         for run, law in enumerate(laws):
@@ -41,7 +43,7 @@ class Laws:
                     break
             else:
                 found.append((law, [run]))
-        return cls(tuple((law, np.array(members)) for law, members in found), len(laws))
+        return cls(tuple((law, np.array(members)) for law, members in found), len(laws), neighbours)
 
     @property
     def first(self) -> Law:
@@ -76,7 +78,10 @@ class Laws:
             return self._decide(seen, memory, step_s)
         two, own = self.two(memory), {name: v for name, v in memory.items() if name not in PAIR}
         decision = two.put_back(self.first, self._decide(two.arranged(self.first, seen), own, step_s))
-        after = {**remembered(self.first, own, decision, step_s), **kept(chosen(self.first, seen, two))}
+        after = {
+            **remembered(self.first, own, decision, step_s),
+            **kept(chosen(self.first, seen, two, self.neighbours)),
+        }
         return replace(decision, after=after)
 
     def _decide(self, seen: Sensed, memory: Memory, step_s: float) -> Decision:

@@ -18,8 +18,8 @@ from mjmerge.law import Signal
 from mjmerge.law.asked import MOST_SIGNALS, is_name
 from mjmerge.plant import PLANTS
 from mjmerge.record.manifest import EXPLANATION
-from mjmerge.roster import EGO, MOST_CARS, PER_NEIGHBOUR, XY, Axis, Roster, roster, slot
-from mjmerge.simulation.trace import COLUMNS, Column
+from mjmerge.roster import EGO, END, MOST_CARS, PER_NEIGHBOUR, PER_SENSED, XY, Axis, Roster, roster, slot
+from mjmerge.simulation.trace import COLUMNS, END_COLUMNS, Column
 from mjmerge.vehicle.datasheet import DataSheet
 
 LARGEST_TEXT_BYTES = 8 * 2**20
@@ -32,6 +32,7 @@ _STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 
 
 _EVERY = {c.name for c in COLUMNS}
+_END = {c.name: c for c in END_COLUMNS}
 
 
 class ContentError(ValueError):
@@ -225,16 +226,17 @@ def roster_of(manifest: Mapping[str, Any]) -> Roster:
 
 
 def signals_of(manifest: Mapping[str, Any]) -> tuple[Signal, ...]:
-    """What the law of a recording recorded of its own: whatever of its columns is not one of every trace.
+    """What the law of a recording recorded of its own: whatever of its columns is not one of ours.
 
     Raises:
         ContentError: it can be none.
     """
     there, asks = roster_of(manifest), manifest.get("asks") or {}
     axes: dict[tuple[str, ...], Axis] = {there.neighbours: PER_NEIGHBOUR, XY: XY}
+    axes[(*there.neighbours, END)] = PER_SENSED
     found: dict[str, Signal] = {}
     for column in manifest.get("columns", ()):  # of a file that has lost its manifest, nothing is known
-        if str(column.get("name")) in _EVERY:
+        if str(column.get("name")) in _EVERY | _END.keys():
             continue
         try:
             valid = _Column.model_validate(column)
@@ -250,8 +252,10 @@ def signals_of(manifest: Mapping[str, Any]) -> tuple[Signal, ...]:
 
 
 def own_columns(manifest: Mapping[str, Any]) -> tuple[Column, ...]:
-    """What the law of a recording recorded of its own, as columns."""
-    return tuple(Column(s.name, s.axes, s.symbol, s.doc, told=False) for s in signals_of(manifest))
+    """Columns of a recording that not every one has: signals of its law, and the end of the ego's lane."""
+    names = [str(column.get("name")) for column in manifest.get("columns", ())]
+    ends = [_END[name] for name in names if name in _END]
+    return (*(Column(s.name, s.axes, s.symbol, s.doc, told=False) for s in signals_of(manifest)), *ends)
 
 
 def summary_of(text: str) -> dict[str, Any] | None:
@@ -269,7 +273,7 @@ def summary_of(text: str) -> dict[str, Any] | None:
         of_cars = value.get(key, {})
         if not isinstance(of_cars, dict) or not all(map(_is_number, of_cars.values())):
             raise ContentError(f"summary.json: {key}: not a number per car")
-    for key in ("min_clearance_m", "floor_m", "merged_at_s"):
+    for key in ("min_clearance_m", "floor_m", "merged_at_s", "min_edge_distance_m"):
         if not _is_number(value.get(key)):
             raise ContentError(f"summary.json: {key}: not a number")
     metrics = value.get("metrics", {})

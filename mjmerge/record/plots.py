@@ -6,10 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from mjmerge.law import is_paper
-from mjmerge.law.choice import recorded
 from mjmerge.record.schema import LAW_TOPIC, SIGNAL_TOPIC, car_topic
 from mjmerge.roster import WHEELS, Roster, along
+from mjmerge.scenario.ramp import EDGE_DISTANCE
 from mjmerge.scenario.schema import Scenario
+from mjmerge.simulation.trace import signals_of
 from mjmerge.state import Array
 
 Color = tuple[int, int, int]
@@ -42,6 +43,10 @@ class Line:
     color: Color
     topic: str
     field: str
+
+
+_EDGE = Line("to the edge", _WHITE, SIGNAL_TOPIC, EDGE_DISTANCE)
+"""How far the ego's body is from the edge of the road where its lane ends."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,10 @@ def main(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
         ),
         Plot(
             "Clearance of the bodies, m",
-            tuple(Line(f"to {_said(c)}", color, LAW_TOPIC, f"clearance_m.ego_{c}") for _, c, color in around),
+            (
+                *(Line(f"to {_said(c)}", color, LAW_TOPIC, f"clearance_m.ego_{c}") for _, c, color in around),
+                *([] if scenario.road.ends_m is None else [_EDGE]),
+            ),
             (Level("contact", _RED, 0.0),),
         ),
         *_of_law(scenario, paint),
@@ -112,8 +120,8 @@ def _of_law(scenario: Scenario, paint: Mapping[str, Array]) -> Iterator[Plot]:
             ),
         )
     lines: list[Line] = []
-    for signal in recorded(scenario.law):
-        called = signal.symbol or signal.name
+    for signal in signals_of(scenario):
+        called = signal.symbol
         of = along(signal.axes, scenario.roster)
         if not of:
             lines.append(Line(called, _SIGNALS[len(lines) % len(_SIGNALS)], SIGNAL_TOPIC, signal.name))

@@ -32,7 +32,7 @@ from mjmerge.roster import Roster, slot
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import COLUMNS, Stop, Trace, place_of, signals_of, the_truth
+from mjmerge.simulation.trace import COLUMNS, Stop, Trace, own, place_of, the_truth
 from mjmerge.state import NS_PER_S, Array
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -181,7 +181,7 @@ class Recorded:
             UnreadableError: a column is missing, or the scenario is none that this version can run.
         """
         scenario = self.scenario()
-        every = (*COLUMNS, *signals_of(scenario.law))
+        every = (*COLUMNS, *own(scenario))
         missing = [c.name for c in every if c.name not in self.columns]
         if missing or not len(self.ticks):
             raise UnreadableError(self.path, f"it lacks {', '.join(missing) or 'any tick'}")
@@ -190,7 +190,7 @@ class Recorded:
         for c in every:
             columns[c.name] = np.full((1, scenario.ticks, *c.shape(self.roster)), np.nan)
             columns[c.name][0, self.ticks[inside]] = self.columns[c.name][inside]
-        own = {c.name: columns.pop(c.name) for c in signals_of(scenario.law)}
+        signals = {c.name: columns.pop(c.name) for c in own(scenario)}
         stops = (self.summary or {}).get("stops", ())
         return Trace(
             scenario=scenario,
@@ -205,7 +205,7 @@ class Recorded:
             continuous=bool(self.manifest["continuous"]),
             time_s=np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s,
             **columns,
-            signals=own,
+            signals=signals,
         )
 
 

@@ -20,7 +20,7 @@ from mjmerge.record.scene import Scene
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.sensing import exact
-from mjmerge.simulation.trace import COLUMNS, Column, signals_of
+from mjmerge.simulation.trace import COLUMNS, Column, own
 from mjmerge.state import Array, nanoseconds
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.verdict.metrics import Event
@@ -69,13 +69,13 @@ class Header:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The columns of the run, those of the law's own signals last."""
+        """The columns of the run, those that not every run has last."""
         return (*COLUMNS, *self.signals)
 
     @property
     def signals(self) -> tuple[Column, ...]:
-        """Those of the law's own signals."""
-        return signals_of(self.scenario.law)
+        """Those that not every run has: signals of its law, and the end of the ego's lane."""
+        return own(self.scenario)
 
     @property
     def told(self) -> bool:

@@ -27,6 +27,7 @@ from mjmerge.roster import (
     PER_CAR,
     PER_NEIGHBOUR,
     PER_PAIR,
+    PER_SENSED,
     WHEELS,
     XY,
     Axis,
@@ -54,6 +55,9 @@ _GROUPS: dict[tuple[Axis, ...], str] = {
     (XY,): "Vector2",
     (PER_CAR, XY): "CarVectors",
 }
+_SENSED: tuple[Axis, ...] = (PER_SENSED,)
+_GROUP_OF_SENSED = "NeighboursAndEnd"
+"""Of signals of a law that is told of the end of the ego's lane; only where there are such."""
 
 
 def package(version: int = SCHEMA_VERSION) -> str:
@@ -126,6 +130,9 @@ class Wire:
     def messages(self) -> dict[str, tuple[Field, ...]]:
         """The fields of every message, in order."""
         found = _messages(self.roster)
+        if any(column.axes == _SENSED for column in self.signals):
+            (names,) = along(_SENSED, self.roster)
+            found = found | {_GROUP_OF_SENSED: tuple(Field(name, "") for name in names)}
         return found | {SIGNAL_MESSAGE: _fields(self.signals, 0, self.roster)} if self.signals else found
 
     def layout(self, message: str) -> Layout:
@@ -182,7 +189,7 @@ def _fields(columns: Sequence[Column], leading: int, there: Roster) -> tuple[Fie
     fields = [Field("time_s", "simulated time, s, exactly as simulated")]
     for c in columns:
         axes = c.axes[leading:]
-        type_name = _GROUPS[axes] if axes else "double"
+        type_name = _GROUP_OF_SENSED if axes == _SENSED else _GROUPS[axes] if axes else "double"
         fields.append(Field(c.name, f"{c.symbol}: {c.doc}", along(axes, there), type_name))
     return tuple(fields)
 

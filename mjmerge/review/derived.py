@@ -25,6 +25,7 @@ from mjmerge.record.read import Recorded
 from mjmerge.review.check import Check, checked, compared
 from mjmerge.review.motion import motion
 from mjmerge.scenario.cars import believed_sheets
+from mjmerge.simulation.loop import recorded
 from mjmerge.simulation.sensing import Sensing, foresight
 from mjmerge.simulation.trace import Trace, along_neighbours, place_of, the_truth
 from mjmerge.state import Array, Cars, Controls, Mask, dot, norm
@@ -104,6 +105,14 @@ def geometry(front_m: Array, velocity_mps: Array, r_m: float, two: tuple[Places,
     return {"distance_m": distance, "distance_rate_mps": rate, "gap_m": gap, "gap_rate_mps": gap_rate}
 
 
+def end_of(trace: Trace) -> dict[str, Array]:
+    """The columns about the end of the ego's lane from its motion, each (1, T); none where it goes on."""
+    ramp = trace.ramp
+    if ramp is None:
+        return {}
+    return ramp.columns(trace.front_m[:, :, 0], trace.velocity_mps[:, :, 0], trace.heading_rad[:, :, 0])
+
+
 def _start(found: Recorded, trace: Trace) -> Check:
     """The first tick is the scenario's beginning."""
     if found.ticks[0] != 0:
@@ -141,7 +150,10 @@ def _distances(found: Recorded, trace: Trace) -> Check:
     """d_j, d_j' and the gap follow from the positions and velocities."""
     c = found.columns
     expected = geometry(c["front_m"], c["velocity_mps"], trace.scenario.r_m, _two(c, trace.scenario.law))
-    says = "d_j, d_j' and the gap, from positions and velocities"
+    says, ramp = "d_j, d_j' and the gap, from positions and velocities", trace.ramp
+    if ramp is not None:
+        expected |= ramp.columns(c["front_m"][:, 0], c["velocity_mps"][:, 0], c["heading_rad"][:, 0])
+        says = "d_j, d_j', the gap and the end of the lane, from positions, velocities and headings"
     return _check("distances", says, found, expected, _DISTANCE_M, _DISTANCE_M)
 
 
@@ -204,11 +216,12 @@ def commands(found: Recorded, trace: Trace, cars: Cars) -> dict[str, Array]:
     two = Two(law.r_m, *_two(c, law))
     seen_as = seen_geometry(two, Sensed.of(seen, c["sensed_leader_mps2"]))
     ahead, later = _foreseen(seen, found, trace)
-    sensed = Sensed.of(ahead, c["sensed_leader_mps2"])
+    ramp = trace.ramp
+    sensed = Sensed.of(ahead, c["sensed_leader_mps2"], None if ramp is None else ramp.obstacle)
     u_0, signals = c["u_mps2"][:, 0], {}  # a law whose code is not let in decided what it did
     if not isinstance(law, AbsentLaw):
         decision = _decided(found, trace, sensed, two)
-        u_0, signals = decision.u, dict(decision.signals)
+        u_0, signals = decision.u, recorded(law, decision.signals, len(found.roster.neighbours))
         signals |= _chosen(found, law, sensed, two, cars)
     own = {"sensed_distance_m": seen_as.d, "sensed_distance_rate_mps": seen_as.d_dot}
     own |= {} if later else {name: signals[name] for name in own if name in signals}
@@ -231,7 +244,7 @@ def _chosen(found: Recorded, law: Law, sensed: Sensed, two: Two, cars: Cars) -> 
     c = found.columns
     if law.choice == "named" or isinstance(two.j_1, int) or isinstance(two.j_2, int):
         return {}
-    after = kept(chosen(law, sensed, two))
+    after = kept(chosen(law, sensed, two, len(found.roster.neighbours)))
     knows = np.diff(found.ticks, prepend=found.ticks[0]) == 1  # what went before is there
     expected = {name: np.where(knows, np.roll(after[name], 1), c[name]) for name in after}
     if found.ticks[0] == 0:
@@ -258,7 +271,8 @@ def _decided(found: Recorded, trace: Trace, sensed: Sensed, two: Two) -> Decisio
         made.append(law.decide(now, memory, step_s))
         memory = remembered(law, memory, made[-1], step_s)
     names = [*law.gives, *(s.name for s in law.signals)]
-    signals = {name: np.concatenate([c[name][:0], *(one.signals[name] for one in made)]) for name in names}
+    told = [recorded(law, one.signals, len(found.roster.neighbours)) for one in made]
+    signals = {name: np.concatenate([c[name][:0], *(one[name] for one in told)]) for name in names}
     first = two.of(slice(whole)).put_back(law, Decision(c["u_mps2"][:0, 0], signals)).signals
     return Decision(
         np.concatenate([*(one.u for one in made), c["u_mps2"][whole:, 0]]),

@@ -28,7 +28,7 @@ from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.metrics import find, metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
-from mjmerge.simulation.trace import Trace, signals_of
+from mjmerge.simulation.trace import Trace, own
 from mjmerge.state import NS_PER_S, Array
 from mjmerge.verdict.judge import judge
 from mjmerge.verdict.own import run
@@ -180,8 +180,8 @@ def replay(
     odd = len(found.ticks) != ran or not inside.all()
     lengths = (int(inside.sum()), ran) if whole and odd else None
     differences = []
-    own = {c.name for c in signals_of(scenario.law)}
-    if own != {c.name for c in content.own_columns(found.manifest)}:
+    beside = {c.name for c in own(scenario)}
+    if beside != {c.name for c in content.own_columns(found.manifest)}:
         raise UnreadableError(
             path, f"its law {scenario.law.label} records other signals here than in the file"
         )

@@ -14,18 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.law import AbsentLaw, Law
+from mjmerge.law import AbsentLaw
 from mjmerge.record.digest import digests
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSIONS
 from mjmerge.record.read import Recorded, read
 from mjmerge.review.check import Check, checked, some
 from mjmerge.review.claims import claims
-from mjmerge.review.derived import derived, geometry
+from mjmerge.review.derived import derived, end_of, geometry
 from mjmerge.review.drawn import drawn
 from mjmerge.review.explained import explained
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import COLUMNS, Trace, signals_of
+from mjmerge.simulation.trace import COLUMNS, Trace
+from mjmerge.simulation.trace import own as beside
 from mjmerge.state import NS_PER_S
 from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
@@ -99,7 +100,7 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     if not schema.right:
         return
     yield _contents(found)
-    yield (columns := _columns(found, found.scenario().law))
+    yield (columns := _columns(found, found.scenario()))
     yield _versions(found)
     if not columns.right:
         return
@@ -112,7 +113,11 @@ def _steps(found: Recorded) -> Iterator[Check | Verdict]:
     yield _fingerprints(found)
     yield from derived(found, trace)
     yield from drawn(found, trace)
-    again = replace(trace, **geometry(trace.front_m, trace.velocity_mps, trace.scenario.r_m, trace.two))
+    again = replace(
+        trace,
+        **geometry(trace.front_m, trace.velocity_mps, trace.scenario.r_m, trace.two),
+        signals={**trace.signals, **end_of(trace)},
+    )
     (verdict,) = judge(again)
     yield verdict
     yield from claims(found, again, verdict)
@@ -169,9 +174,9 @@ def _contents(found: Recorded) -> Check:
     return checked("contents", wrong, "all there, once, and as its index says")
 
 
-def _columns(found: Recorded, law: Law) -> Check:
+def _columns(found: Recorded, scenario: Scenario) -> Check:
     """Names with their units, axes and conventions are ours, and all of them are there."""
-    ours = {c.name: [list(axis) for axis in c.names(found.roster)] for c in (*COLUMNS, *signals_of(law))}
+    ours = {c.name: [list(axis) for axis in c.names(found.roster)] for c in (*COLUMNS, *beside(scenario))}
     claimed = {str(c.get("name", "")): c.get("axes") for c in found.manifest["columns"]}
     wrong = sorted(n for n in ours.keys() | claimed.keys() if ours.get(n) != claimed.get(n))
     if wrong:

@@ -12,14 +12,17 @@ from itertools import combinations
 from math import dist
 from typing import Any
 
+import numpy as np
+
 from mjmerge.config.bounds import MOST_METRICS, MOST_ROWS, MOST_TICKS
 from mjmerge.drivers import ahead, ask, kinds
 from mjmerge.errors import Problem, nearest
 from mjmerge.law import Law
 from mjmerge.law.asked import problems
-from mjmerge.roster import neighbour, roster
+from mjmerge.roster import EGO, neighbour, roster
 from mjmerge.scenario.metrics import metric_name
-from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Models
+from mjmerge.scenario.ramp import EDGE_DISTANCE, END_DISTANCE, Ramp
+from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Models, Road
 from mjmerge.scenario.space import Space
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -133,6 +136,61 @@ def _bodies(initial: Initial, sheets: Mapping[str, DataSheet]) -> Iterator[Probl
                 f"the bodies of {one} and {other} overlap at the start, by {along:.3g} m along the road and "
                 f"{across:.3g} m across it; move one of them",
                 f"initial.{other}.front_m",
+            )
+
+
+def _goes_on(road: Road, expect: Expect) -> Iterator[Problem]:
+    """Nothing is said of an end where there is none."""
+    if road.ends_m is not None:
+        return
+    given = {"road.taper_m": road.taper_m, "road.told": road.told != "obstacle"}
+    given |= {"expect.min_edge_distance_m": expect.min_edge_distance_m.at_least}
+    for key in (key for key, of in given.items() if of):
+        yield Problem("the ego's lane has no end: give road.ends_m, too", key)
+
+
+def _ends(road: Road, initial: Initial, law: Law, sheets: Mapping[str, DataSheet]) -> Iterator[Problem]:
+    """The ego starts before the end of its lane, can pass it beside, and has that lane for itself."""
+    there = initial.roster.cars
+    if road.ends_m is None or law.leader not in there or not sheets.keys() >= set(there):
+        return
+    (x, y), leader = initial.ego.front_m, getattr(initial, law.leader).front_m
+    ego, aside = sheets[EGO], abs(y - leader[1])
+    need, why = ego.width_m, f"the ego ({ego.width_m:g} m wide) comes by"
+    if road.told == "obstacle":
+        need, why = (
+            max(need, law.r_m),
+            f"it passes the end that the law is told of (r_m = {law.r_m:g} m)",
+        )
+    if aside <= need:
+        yield Problem(
+            f"the lane that ends is {aside:g} m beside {law.leader}'s; it must be more than {need:g} m, so "
+            f"that {why}",
+            "initial.ego.front_m",
+        )
+        return
+    ramp = Ramp.at(road, np.array([[y, leader[1]]]), ego, law.r_m)
+    assert ramp is not None, "there is an end"
+    left = ramp.columns(np.array([[x, y]]), np.zeros((1, 2)), np.zeros(1))
+    edge_m, end_m = float(left[EDGE_DISTANCE][0]), float(left[END_DISTANCE][0])
+    if edge_m <= 0:
+        nose = x + ego.front_overhang_m
+        yield Problem(
+            f"the ego starts off the road: its nose is at {nose:g} m; the lane must end later", "road.ends_m"
+        )
+    elif ramp.told and end_m <= 0:
+        yield Problem(
+            f"the ego starts {end_m + law.r_m:g} m from the end that the law is told of; it must be more "
+            f"than r_m = {law.r_m} m",
+            "road.ends_m",
+        )
+    lane = sorted((float(ramp.inner_m[0]), float(ramp.outer_m[0])))
+    for car in there[1:]:
+        at = getattr(initial, car).front_m[1]
+        if lane[0] < at < lane[1]:
+            yield Problem(
+                f"{car} is in the lane that ends, at y = {at:g} m, and neighbours keep their lane",
+                f"initial.{car}.front_m",
             )
 
 
@@ -270,6 +328,8 @@ _CHECKS = (
     _distances,
     _order_and_gap,
     _bodies,
+    _goes_on,
+    _ends,
     _ahead,
     _drivers,
     _metrics,

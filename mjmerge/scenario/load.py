@@ -31,7 +31,9 @@ from mjmerge.roster import in_order
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.metrics import find
+from mjmerge.scenario.ramp import Ramp
 from mjmerge.scenario.schema import Models, Scenario
+from mjmerge.state import Cars
 from mjmerge.vehicle.datasheet import DataSheet
 
 Source = str | Path | Mapping[str, Any]
@@ -99,13 +101,11 @@ def load(
             document.report(message, "law.kind")
     raise_problems(where, document)
     assert scenario is not None, "what is not valid has problems"
+    scenario = scenario.model_copy(update={key: sections[key] for key in ("models", "metrics")})
     if code and from_outside(scenario.law.kind):
         _rehearse(scenario, document)
         raise_problems(where, document)
-    found = {key: sections[key] for key in ("models", "metrics")}
-    loaded = (
-        scenario.model_copy(update=found).named(name).giving(document.given).with_metric_codes(tuple(codes))
-    )
+    loaded = scenario.named(name).giving(document.given).with_metric_codes(tuple(codes))
     return loaded if sheets is None else loaded.with_sheets(sheets)
 
 
@@ -125,7 +125,7 @@ def _check_texts(given: object) -> None:
 def dump(scenario: Scenario) -> str:
     """The scenario as YAML with every default written out; loading it gives an equal scenario.
 
-    But for metrics and a search, which are not named where there are none.
+    But for metrics, a search and the end of a lane, which are not named where there are none.
     """
     yaml = YAML(typ="safe", pure=True)
     yaml.Representer = _Representer
@@ -138,6 +138,9 @@ def dump(scenario: Scenario) -> str:
             del section["metrics"]
     if plain["search"] is None:
         del plain["search"]
+    if plain["road"]["ends_m"] is None:  # which leaves the others at their defaults
+        plain["road"] = {"lane_width_m": plain["road"]["lane_width_m"]}
+        del plain["expect"]["min_edge_distance_m"]
     text = io.StringIO()
     yaml.dump(plain, text)
     return text.getvalue()
@@ -213,13 +216,9 @@ def _rehearse(scenario: Scenario, document: Document) -> None:
     """Asks a law from outside what it would do at the start; problems are reported."""
     front_m = np.array([[start.front_m for start in scenario.starts]])
     velocity_mps = np.array([[(start.speed_mps, 0.0) for start in scenario.starts]])
-    seen = Sensed(
-        p=front_m[:, 0],
-        v=velocity_mps[:, 0],
-        p_j=front_m[:, 1:],
-        v_j=velocity_mps[:, 1:],
-        u_1=np.zeros((1, 2)),
-    )
+    ramp, none = Ramp.of([scenario]), np.zeros((1, front_m.shape[1]))
+    cars = Cars(front_m, velocity_mps, none, none, none, none, none)
+    seen = Sensed.of(cars, np.zeros((1, 2)), None if ramp is None else ramp.obstacle)
     try:
         rehearse(scenario.law, seen, scenario.initial.opinion, scenario.control_step_s)
     except DoorError as error:

@@ -105,6 +105,13 @@ class Road(Frozen):
 
     lane_width_m: Annotated[float, Field(ge=0.01, le=1000)] = 1.2
     """Width of a lane as drawn, m; the paper gives none."""
+    ends_m: Place | None = None
+    """Where the lane that the ego starts in ends, x in the road frame, m; null: nowhere."""
+    taper_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    """Length over which it narrows before that, from its outer side, m."""
+    told: Literal["obstacle", "nothing"] = "obstacle"
+    """What the law is told of the end: a standing obstacle in the middle of the lane, where the edge line
+    crosses it, or nothing."""
 
 
 class Belief(Frozen):
@@ -157,6 +164,9 @@ class Expect(Frozen):
 
     min_distance_m: Floor = Floor()
     """Safety floor on min over t of every d_j, m. Whatever it says, d_j <= 0 and touching bodies fail."""
+    min_edge_distance_m: Floor = Floor()
+    """The same on the distance of the ego's body from the edge of the road where its lane ends, m; only with
+    road.ends_m. Whatever it says, running off the end fails."""
     metrics: dict[str, Bound] = Field(default_factory=dict)
     """Bounds of the scenario's own metrics, by name."""
 

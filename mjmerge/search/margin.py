@@ -26,10 +26,11 @@ from mjmerge.verdict.counterfactual import IDEAL, guarded, unguarded
 from mjmerge.verdict.hypotheses import broken
 from mjmerge.verdict.judge import HELD, Breach, judge
 
-Kind = Literal["touch", "d<=0", "ran off", "unstable"]
+Kind = Literal["touch", "d<=0", "end", "ran off", "unstable"]
 KINDS: dict[Kind, str] = {
     "touch": "bodies touch",
     "d<=0": "d_j falls to 0",
+    "end": "the ego runs off the end of its lane",
     "ran off": "a car leaves the road",
     "unstable": "the simulation ends early",
 }
@@ -45,7 +46,8 @@ class Margin:
     """How close one run came.
 
     Attributes:
-        least_m: of every d_j and every clearance of the ego, the least, m; NaN where nothing is known.
+        least_m: of every d_j and every clearance of the ego, and of its distance from the edge where its lane
+            ends, the least, m; NaN where nothing is known.
         min_distance_m: least d_j, m.
         min_clearance_m: least clearance of the ego's body, m; NaN on plants without bodies.
         kind: how it failed; ``None`` where it did not.
@@ -130,10 +132,15 @@ def margin(trace: Trace, r_m: float | None = None) -> Margin:
         kind = "touch"
     elif distance <= 0 or any(stop.crossing for stop in stops):
         kind = "d<=0"
+    elif np.any(trace.off_the_end):
+        kind = "end"
     elif stops:
         kind = "ran off" if stops[0].reason in OFF else "unstable"
-    least = float(np.nanmin([distance, clearance])) if np.isfinite(distance) else float("nan")
-    holds = kind is None and distance >= floor
+    edge_m = np.inf if trace.edge_distance_m is None else float(trace.least_m[0, -1])
+    least = float(np.nanmin([distance, clearance, edge_m])) if np.isfinite(distance) else float("nan")
+    holds = (
+        kind is None and distance >= floor and edge_m >= trace.scenario.expect.min_edge_distance_m.at_least
+    )
     return Margin(least, distance, clearance, kind, holds, _breaches(trace), _unsafe_at_s(trace))
 
 
@@ -146,7 +153,8 @@ def _breaches(trace: Trace) -> tuple[Breach, ...]:
 
 def _unsafe_at_s(trace: Trace) -> float | None:
     """When a trace of one simulation is unsafe first, or ends early, s."""
-    ticks = np.flatnonzero(np.any((trace.distance_m[0] <= 0) | trace.touching_ego[0], axis=1))
+    inside = np.any((trace.distance_m[0] <= 0) | trace.touching_ego[0], axis=1)
+    ticks = np.flatnonzero(inside | trace.off_the_end[0])
     times = [float(trace.time_s[k]) for k in ticks[:1]] + [stop.time_s for stop in trace.stops]
     return min(times, default=None)
 
@@ -209,7 +217,7 @@ def _verdict(trace: Trace, without: Array | None) -> str:
 def _without_barrier_m(found: Sequence[Margin], traces: Sequence[Trace]) -> dict[int, Array]:
     """What a verdict asks of safe runs in which nothing is different in truth, all at once.
 
-    That is least d_j without the barrier, m, (1, C-1), by number of the run.
+    That is :attr:`Trace.least_m` without the barrier, (1, C-1 or C), by number of the run.
     """
     bare = {}
     for i, (one, trace) in enumerate(zip(found, traces, strict=True)):
@@ -219,7 +227,7 @@ def _without_barrier_m(found: Sequence[Margin], traces: Sequence[Trace]) -> dict
             if other is not None and not any(isinstance(d, Absent) for d in scenario.neighbours):
                 bare[i] = (int(trace.seeds[0]), other)
     made = simulate_each(list(bare.values()), IDEAL)
-    return {i: trace.min_distance_m for i, trace in zip(bare, made, strict=True)}
+    return {i: trace.least_m for i, trace in zip(bare, made, strict=True)}
 
 
 def pairs(

@@ -26,7 +26,9 @@ from mjmerge.config.acts import listed
 from mjmerge.drivers import Traffic
 from mjmerge.errors import MjmergeError
 from mjmerge.law import Flow, Law, Memory, Sensed, decided
+from mjmerge.law.sensed import End
 from mjmerge.plant import Fault, Plant, Smooth, make
+from mjmerge.scenario.ramp import Ramp
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
 from mjmerge.vehicle.actuation import BelievedCars
@@ -69,8 +71,17 @@ _COMMANDS = {"double_integrator": _u, "bicycle": _a_omega}
 class Equation:
     """One simulation as x' = f(t, x)."""
 
-    def __init__(self, scenario: Scenario, plant: str, traffic: Traffic, believed: BelievedCars) -> None:
-        self._law, self._initial = scenario.law, scenario.initial.opinion
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: str,
+        traffic: Traffic,
+        believed: BelievedCars,
+        end: End | None = None,
+    ) -> None:
+        self._law, self._initial, self._end = scenario.law, scenario.initial.opinion, end
+        numbers = range(1, len(scenario.roster.cars))
+        self.names = (*(f"d_{j}" for j in numbers), *(["d_end"] if end is not None else []))
         self._memory = _flow(scenario.law)
         self._traffic, self._believed, self._command = traffic, believed, _COMMANDS[plant]
         self._plant = cast("Smooth", make(plant, [scenario], None, threads=0))
@@ -92,17 +103,21 @@ class Equation:
         return own.reshape(-1, *self._frame_mps.shape) + time_s[:, None, None] * self._frame_mps
 
     def distance_m(self, x: Array) -> Array:
-        """Every d_j in x, m, (K,) -> (C-1,)."""
-        front = self._cars(0.0, x).front_m[0]
-        d: Array = norm(front[0] - front[1:]) - self._law.r_m
+        """Every d_j in x, m, (K,) -> (C-1,); of the end of the lane last, where the law is told of it."""
+        seen = self._seen(x)
+        d: Array = norm(seen.p - seen.p_j[0]) - self._law.r_m
         return d
 
     def distance_rate_mps(self, x: Array) -> Array:
-        """Their rates in x, m/s, (K,) -> (C-1,)."""
-        cars = self._cars(0.0, x)
-        e, nu = (values[0, 0] - values[0, 1:] for values in (cars.front_m, cars.velocity_mps))
+        """Their rates in x, m/s, (K,) -> likewise."""
+        seen = self._seen(x)
+        e, nu = seen.p - seen.p_j[0], seen.v - seen.v_j[0]
         rate: Array = np.sum(e * nu, axis=-1) / norm(e)
         return rate
+
+    def _seen(self, x: Array) -> Sensed:
+        """Positions and velocities in x, of one simulation."""
+        return Sensed.of(self._cars(0.0, x), np.zeros((1, 2)), self._end)
 
     def between(self, start_s: float, end_s: float) -> Rates:
         """f, with every driver's intention as it is between these times."""
@@ -111,7 +126,7 @@ class Equation:
         def f(time_s: float, x: Array) -> Array:
             cars = self._cars(time_s, x)
             u_j = self._traffic.intend(cars, min(max(time_s, first), last))
-            seen = Sensed.of(cars, u_j[:, law.j_1])
+            seen = Sensed.of(cars, u_j[:, law.j_1], self._end)
             decision = decided(law, seen, self.memory(x[None]), 0.0)
             if decision.failed:
                 raise _StuckError(decision.failed[0])
@@ -183,9 +198,10 @@ def integrate(
                 )
                 crossing = bool(equation.distance_rate_mps(x)[j] <= rate_before[j])
                 end = (
-                    f"d_{j + 1} goes through 0 at {upto:.6g} s"
+                    f"{equation.names[j]} goes through 0 at {upto:.6g} s"
                     if crossing
-                    else f"d_{j + 1} is below {least_m:.2g} m at {upto:.6g} s, too little to tell from 0"
+                    else f"{equation.names[j]} is below {least_m:.2g} m at {upto:.6g} s, too little to tell "
+                    "from 0"
                 )
             now = int(np.searchsorted(time_s, upto, side="right"))
             if now > ticks:
@@ -195,7 +211,8 @@ def integrate(
             if end is not None:
                 break
     except _StuckError as stuck:
-        end = f"{stuck}, with {listed(tuple(f'd_{j} = {d_j:.3g} m' for j, d_j in enumerate(d, 1)))}"
+        each = (f"{name} = {d_j:.3g} m" for name, d_j in zip(equation.names, d, strict=True))
+        end = f"{stuck}, with {listed(tuple(each))}"
     return Solution(equation.motion(time_s, samples), equation.memory(samples), ticks, end, touched, crossing)
 
 
@@ -322,6 +339,7 @@ def solve(
     believed: BelievedCars,
     time_s: Array,
     progress: Callable[[float], None] | None,
+    ramp: Ramp | None = None,
 ) -> Played:
     """Integrates every simulation, each by itself.
 
@@ -333,6 +351,7 @@ def solve(
         believed: what the cars are believed to be.
         time_s: the trace's grid, s, (T,).
         progress: called with the simulated time averaged over all N, s.
+        ramp: the end of the ego's lane in all N.
 
     Raises:
         MjmergeError: the plant is no differential equation.
@@ -348,6 +367,7 @@ def solve(
     with np.errstate(all="ignore"):  # what a step that is not accepted computes does not matter
         for run in range(runs):
             alone = traffic.alone(run)
-            equation = Equation(scenario, plant, alone, believed)
+            end = None if ramp is None else ramp.alone(run).obstacle
+            equation = Equation(scenario, plant, alone, believed, end)
             solutions.append(integrate(equation, scenario.law, time_s, alone.switches(), report))
     return Played(cast("Smooth", moving), solutions)

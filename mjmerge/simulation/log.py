@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import COLUMNS, Stop, Trace, signals_of, the_truth
+from mjmerge.simulation.trace import COLUMNS, Stop, Trace, own, the_truth
 from mjmerge.state import Array, Mask
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -97,7 +97,7 @@ class Log:
         self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
         self.columns = {
             c.name: np.full((len(seeds), scenario.ticks, *c.shape(scenario.roster)), np.nan)
-            for c in (*COLUMNS, *signals_of(scenario.law))
+            for c in (*COLUMNS, *own(scenario))
             if not (c.told and told_truth)
         }
         if told_truth:  # nothing is kept twice
@@ -147,7 +147,7 @@ class Log:
     def finish(self) -> Trace:
         """The trace, complete."""
         self.flush()
-        own = tuple(c.name for c in signals_of(self._scenario.law))
+        beside = tuple(c.name for c in own(self._scenario))
         return Trace(
             scenario=self._scenario,
             plant=self._plant,
@@ -157,8 +157,8 @@ class Log:
             stops=tuple(self._stops),
             continuous=self._continuous,
             time_s=self.time_s,
-            **{name: values for name, values in self.columns.items() if name not in own},
-            signals={name: self.columns[name] for name in own},
+            **{name: values for name, values in self.columns.items() if name not in beside},
+            signals={name: self.columns[name] for name in beside},
         )
 
     def each(self, scenarios: Sequence[Scenario]) -> list[Trace]:

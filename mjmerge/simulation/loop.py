@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mjmerge.plant import check, make
 from mjmerge.scenario.cars import believed_sheets, car_sheets
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.ramp import Ramp
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.arguments import check_run
 from mjmerge.simulation.log import Log, Sink
@@ -120,7 +121,7 @@ def run(
     runs, mismatch = len(each), tuple(one.mismatch for one in each)
     if world is None and (plant == "mujoco" or sink is not None or live is not None):
         world = build(scenario, mismatch)
-    laws, h = Laws.of([one.law for one in each]), scenario.control_step_s
+    laws, h = Laws.of([one.law for one in each], len(each[0].roster.neighbours)), scenario.control_step_s
     law, names = laws.first, scenario.roster.cars
     moving = make(plant, each, world, threads)
     sense = Sensing(() if continuous else mismatch, seeds, h, len(names) - 1)
@@ -132,6 +133,8 @@ def run(
     )  # fmt: skip
     believed, feet = BelievedCars.of(sheets, limited=moving.limited), Feet(h)
     foresee = foresight(scenario, plant, continuous=continuous)
+    ramp = Ramp.of(each, plant)
+    end = None if ramp is None else ramp.obstacle
     began = Sensed.of(moving.observe(), np.zeros((runs, 2)))
     memory = laws.start([one.initial.opinion for one in each], began)
     made_own = set(OWN_DISTANCES) <= set(law.gives)
@@ -143,7 +146,7 @@ def run(
     if continuous:
         from mjmerge.simulation.continuous import solve  # scipy takes its time to import
 
-        moving = flow = solve(scenario, plant, moving, traffic, believed, log.time_s, progress)
+        moving = flow = solve(scenario, plant, moving, traffic, believed, log.time_s, progress, ramp)
         progress = None
 
     for k, t in enumerate(log.time_s.tolist()):
@@ -161,7 +164,7 @@ def run(
         two = laws.two(memory)
         seen, u_1 = sense(cars, of_each(u_j, two.j_1))
         ahead = foresee(seen)
-        sensed = Sensed.of(ahead, u_1)
+        sensed = Sensed.of(ahead, u_1, end)
         decision = laws.decide(sensed, memory, 0.0 if continuous else h)
         for one, why in decision.failed.items():
             if running[one]:
@@ -176,7 +179,9 @@ def run(
         foresee.told(controls)
 
         # record
-        row = _row(cars, truth, controls, moving.contacts()) | _of_law(law, memory, decision)
+        row = _row(cars, truth, controls, moving.contacts()) | _of_law(law, memory, decision, len(names) - 1)
+        if ramp is not None:
+            row |= ramp.columns(cars.front_m[:, 0], cars.velocity_mps[:, 0], cars.heading_rad[:, 0])
         if foresee.looks_ahead or not made_own:  # the law's distances are those of later, or it gives none
             row |= _distances(truth if sense.exact else geometry(two, Sensed.of(seen, u_1)))
         if not sense.exact:
@@ -210,9 +215,15 @@ def _distances(told: Geometry) -> dict[str, Array]:
     return {"sensed_distance_m": told.d, "sensed_distance_rate_mps": told.d_dot}
 
 
-def _of_law(law: Law, memory: Memory, decision: Decision) -> dict[str, Array]:
+def _of_law(law: Law, memory: Memory, decision: Decision, neighbours: int) -> dict[str, Array]:
     """What the law remembers and made of one tick, as far as it is recorded."""
-    return {name: memory[name] for name in law.remembers} | dict(decision.signals)
+    return {name: memory[name] for name in law.remembers} | recorded(law, decision.signals, neighbours)
+
+
+def recorded(law: Law, signals: Mapping[str, Array], neighbours: int) -> dict[str, Array]:
+    """What a law decided as it is recorded: its distances, and what it asks of others, of cars alone."""
+    asks = [s.name for s in law.signals if s.asks and s.axes]
+    return {n: v[:, :neighbours] if n in OWN_DISTANCES or n in asks else v for n, v in signals.items()}
 
 
 def _row(

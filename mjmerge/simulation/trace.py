@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from mjmerge.config.document import described
 from mjmerge.errors import MjmergeError
-from mjmerge.law import Law
 from mjmerge.law.base import Signal
-from mjmerge.law.choice import FOLLOWER, LEADER, recorded
+from mjmerge.law.choice import FOLLOWER, LEADER, records
 from mjmerge.law.sensed import Places
-from mjmerge.roster import PER_CAR, PER_NEIGHBOUR, PER_PAIR, WHEELS, XY, Axis, Roster, along
+from mjmerge.roster import PER_CAR, PER_NEIGHBOUR, PER_PAIR, PER_SENSED, WHEELS, XY, Axis, Roster, along
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.ramp import EDGE_DISTANCE, END_DISTANCE, END_RATE, Ramp
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Mask
 from mjmerge.vehicle.datasheet import DataSheet
@@ -161,7 +161,7 @@ class Trace:
     steer_clipped_rad: Annotated[Array, Meaning("delta clipped", "steering asked for and not given", PER_CAR)]
 
     signals: Mapping[str, Array] = field(default_factory=dict)
-    """What the law records beside that, by name, as :attr:`Law.signals` declares it, each (N, T, ...)."""
+    """What there is only under some laws and on some roads, by name, each (N, T, ...): see :func:`own`."""
 
     def alone(self, run: int, scenario: Scenario) -> Trace:
         """One of the simulations as a trace of its own: views of this one's columns.
@@ -183,8 +183,8 @@ class Trace:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Every column of it, those of the law's own signals last."""
-        return (*COLUMNS, *signals_of(self.scenario.law))
+        """Every column of it, those that not every trace has last."""
+        return (*COLUMNS, *own(self.scenario))
 
     def column(self, name: str) -> Array:
         """A column by its name, (N, T, ...)."""
@@ -223,6 +223,51 @@ class Trace:
         return _least(self.distance_m)
 
     @property
+    def edge_distance_m(self) -> Array | None:
+        """The column of that name, (N, T); ``None`` where the ego's lane goes on."""
+        return self.signals.get(EDGE_DISTANCE)
+
+    @property
+    def off_the_end(self) -> Mask:
+        """Whether the ego's body is over that edge, (N, T); never where the lane goes on."""
+        edge_m = self.edge_distance_m
+        return np.zeros(self.distance_m.shape[:2], dtype=bool) if edge_m is None else edge_m <= 0
+
+    @property
+    def least_m(self) -> Array:
+        """Smallest d_j, and where the ego's lane ends smallest distance from the edge, m, (N, C-1 or C)."""
+        edge_m = self.edge_distance_m
+        return _least(self.distance_m if edge_m is None else _beside(self.distance_m, edge_m))
+
+    @property
+    def guarded_m(self) -> Array:
+        """d_j of everything that the law keeps clear of, m, (N, T, C-1 or C): of the end last, if told."""
+        return self._guarded(self.distance_m, END_DISTANCE)
+
+    @property
+    def guarded_rate_mps(self) -> Array:
+        """Its rate, m/s, likewise."""
+        return self._guarded(self.distance_rate_mps, END_RATE)
+
+    @property
+    def guarded_points_m(self) -> Array:
+        """Where that is, m, (N, T, C-1 or C, 2): the neighbours' front axles, and the end's nearest point."""
+        points, ramp = self.front_m[:, :, 1:], self.ramp
+        if ramp is None or not ramp.told:
+            return points
+        end, _ = ramp.nearest(self.front_m[:, :, 0], self.velocity_mps[:, :, 0])
+        return np.concatenate([points, end[:, :, None]], axis=2)
+
+    @property
+    def ramp(self) -> Ramp | None:
+        """The end of the ego's lane; ``None`` where it goes on."""
+        return Ramp.of([self.scenario], self.plant)
+
+    def _guarded(self, of_cars: Array, of_end: str) -> Array:
+        told = of_end in self.signals and self.scenario.road.told == "obstacle"
+        return _beside(of_cars, self.signals[of_end]) if told else of_cars
+
+    @property
     def touching(self) -> Mask:
         """Whether two bodies touch at a tick or did since the last, (N, T, P); never where there are none."""
         return (self.clearance_m <= 0) | (self.contact_impulse_n_s > 0)
@@ -259,9 +304,39 @@ COLUMNS: tuple[Column, ...] = tuple(
 """The columns of every trace, in the order of their declaration. Those that its law does not fill are NaN."""
 
 
-def signals_of(law: Law) -> tuple[Column, ...]:
-    """The columns of a law's own signals."""
-    return tuple(Column(s.name, s.axes, s.symbol or s.name, s.doc, told=False) for s in recorded(law))
+END_COLUMNS: tuple[Column, ...] = tuple(
+    Column(name, (), symbol, doc, told=False)
+    for name, symbol, doc in (
+        (END_DISTANCE, "d_end", "distance of the ego's front axle from the end of its lane less r"),
+        (END_RATE, "d_end'", "rate of that distance"),
+        (
+            EDGE_DISTANCE,
+            "edge",
+            "of the ego's body from the edge of the road where its lane ends; < 0: off it",
+        ),
+    )
+)
+"""The columns of a trace whose scenario has an end of the ego's lane."""
+
+
+def own(scenario: Scenario) -> tuple[Column, ...]:
+    """The columns that not every trace has: the signals of its law, then those of the end of the lane."""
+    ends = END_COLUMNS if scenario.road.ends_m is not None else ()
+    return (*signals_of(scenario), *ends)
+
+
+def signals_of(scenario: Scenario) -> tuple[Column, ...]:
+    """The columns of its law's own signals; those of neighbours have one of the end, too, if it is told.
+
+    But for what the law asks of neighbours: the end does nothing.
+    """
+    told = scenario.road.ends_m is not None and scenario.road.told == "obstacle"
+    as_told: dict[Axis, Axis] = {PER_NEIGHBOUR: PER_SENSED} if told else {}
+    return tuple(
+        Column(s.name, axes, s.symbol or s.name, s.doc, told=False)
+        for s in records(scenario.law)
+        for axes in [s.axes if s.asks else tuple(as_told.get(a, a) for a in s.axes)]
+    )
 
 
 def the_truth(columns: Mapping[str, Array], leader: Places) -> dict[str, Array]:
@@ -303,6 +378,11 @@ def along_neighbours(values: Array, at: Places) -> Array:
         one: Array = values[..., at, :]
         return one
     return np.take_along_axis(values, at[..., None, None], axis=-2)[..., 0, :]
+
+
+def _beside(of_cars: Array, of_end: Array) -> Array:
+    """Numbers of each neighbour, (N, T, C-1), and one more, (N, T)."""
+    return np.concatenate([of_cars, of_end[..., None]], axis=-1)
 
 
 def _least(values: Array) -> Array:

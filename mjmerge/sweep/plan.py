@@ -130,6 +130,11 @@ class Plan:
         return max(len(batch.scenario.roster.neighbours) for batch in self.batches)
 
     @cached_property
+    def ends(self) -> bool:
+        """Whether some scenario has an end of the ego's lane."""
+        return any(batch.scenario.road.ends_m is not None for batch in self.batches)
+
+    @cached_property
     def bounds(self) -> bool:
         """Whether some scenario has bounds of its own metrics."""
         return any(batch.scenario.expect.metrics for batch in self.batches)

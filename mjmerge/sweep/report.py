@@ -109,6 +109,7 @@ def _lines(plan: Plan, rows: Rows, drawn: Sequence[str], remarks: Sequence[str])
         yield from _by_axis(plan, rest)
     yield from _symptoms(rows)
     yield from _collisions(rows)
+    yield from _ends(plan, rows)
     yield from _own(plan, rows)
     yield "## The worst runs"
     yield ""
@@ -231,6 +232,21 @@ def _collisions(rows: Rows) -> Iterator[str]:
             f"The hardest contact was {hardest['contact_impulse_n_s']:.3g} N s in all, at up to "
             f"{hardest['contact_speed_mps'] or 0:.3g} m/s, in run {hardest['run']}."
         )
+    yield ""
+
+
+def _ends(plan: Plan, rows: Rows) -> Iterator[str]:
+    if not plan.ends:
+        return
+    known = [row for row in distinct(rows) if row["min_edge_distance_m"] is not None]
+    off = [row for row in known if row["ran_off_at_s"] is not None]
+    least = min((row["min_edge_distance_m"] for row in known), default=None)
+    yield "## The end of the lane"
+    yield ""
+    yield (
+        f"Of {len(known)} runs in which the ego's lane ends, it ran off in {len(off)}; its body came to "
+        f"{_metres(least)} m from the edge at the least."
+    )
     yield ""
 
 

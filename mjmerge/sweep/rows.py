@@ -75,6 +75,9 @@ METRIC = "metric."
 METRICS_HELD = "metrics_held"
 """Column that says whether these were within the bounds of their scenario; null where it has none."""
 
+OF_THE_END = ("min_edge_distance_m", "ran_off_at_s")
+"""Columns of campaigns in which the ego's lane ends: least distance of its body from the edge there, and when
+it was over it first."""
 Row = dict[str, float | str | bool | None]
 
 
@@ -135,6 +138,9 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
         }
         if decided.least_z is None or not np.isfinite(decided.least_z):
             row["least_z"] = None
+        if trace.edge_distance_m is not None:
+            off_s = None if verdict.ran_off is None else verdict.ran_off.time_s
+            row |= dict(zip(OF_THE_END, (_known(trace.least_m[i, -1]), off_s), strict=True))
         row |= {METRIC + name: _known(of[i]) for name, of in metrics.items()}
         if bounds:
             row[METRICS_HELD] = own.held(bounds, metrics, i)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from mjmerge.scenario.distinct import SAME
 from mjmerge.sweep.folder import SHARDS, TABLE, claim, identity, place, read, write
 from mjmerge.sweep.plan import Plan
-from mjmerge.sweep.rows import FLAGS, METRIC, METRICS_HELD, NUMBERS, TEXTS, min_d_m
+from mjmerge.sweep.rows import FLAGS, METRIC, METRICS_HELD, NUMBERS, OF_THE_END, TEXTS, min_d_m
 from mjmerge.sweep.workers import TOGETHER, Progress, Shard, Workers, shards, workers
 from mjmerge.versions import versions
 
@@ -97,6 +97,7 @@ def table(plan: Plan, at: Sequence[int], measured_rows: Sequence[dict[str, Any]]
     for names, kind in ((TEXTS, pa.string()), (NUMBERS, pa.float64()), (FLAGS, pa.bool_())):
         columns |= {name: pa.array([row[name] for row in measured_rows], kind) for name in names}
     own = {min_d_m(j): pa.float64() for j in range(3, plan.neighbours + 1)}
+    own |= dict.fromkeys(OF_THE_END, pa.float64()) if plan.ends else {}
     own |= {METRIC + name: pa.float64() for name in plan.metrics}
     own |= {METRICS_HELD: pa.bool_()} if plan.bounds else {}
     columns |= {name: pa.array([row.get(name) for row in measured_rows], kind) for name, kind in own.items()}

@@ -42,13 +42,13 @@ def unguarded(scenario: Scenario) -> Scenario | None:
 
 
 def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
-    """How close simulations come on the ideal plant without the barrier: least d_j, m, (M, C-1).
+    """How close simulations come on the ideal plant without the barrier: ``Trace.least_m``, (M, C-1 or C).
 
     NaN where that cannot be asked: a driver's code is not here, or the law cannot be without.
     """
     scenario = unguarded(trace.scenario)
     if scenario is None or any(isinstance(driver, Absent) for driver in trace.scenario.neighbours):
-        return np.full((len(runs), trace.distance_m.shape[2]), np.nan)
+        return np.full((len(runs), trace.least_m.shape[1]), np.nan)
     kinds = [scenario.law.kind, *(driver.kind for driver in scenario.neighbours)]
     outside = any(map(from_outside, kinds))
     known = {} if outside or scenario.sheets is None else _known(scenario)
@@ -58,7 +58,7 @@ def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
 def with_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
     """How close they come there with it: the same of the scenario as it is."""
     if trace.plant == IDEAL and not trace.continuous and trace.mismatch == (Mismatch(),) * trace.runs:
-        return trace.min_distance_m[list(runs)]  # that is what happened
+        return trace.least_m[list(runs)]  # that is what happened
     scenario = trace.scenario.settled().model_copy(update={"mismatch": Mismatch()})
     return _ideal_m(scenario, trace, runs, {})
 
@@ -75,7 +75,7 @@ def _known(scenario: Scenario) -> dict[_Case, Array]:
 
 
 def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int], known: dict[_Case, Array]) -> Array:
-    """Least d_j of a scenario on the ideal plant, m, (M, C-1).
+    """:attr:`Trace.least_m` of a scenario on the ideal plant, m, (M, C-1 or C).
 
     With the same neighbours, seeds, measurements and dead time, as far as the ideal plant has them;
     simulations that differ in nothing of that share one run. NaN where that run has no data.
@@ -92,9 +92,9 @@ def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int], known: dict[
         known, distinct = {}, list(dict.fromkeys(cases))
     for first in range(0, len(distinct), _TOGETHER):
         part = distinct[first : first + _TOGETHER]
-        known |= zip(part, simulate(scenario, IDEAL, cases=part).min_distance_m, strict=True)
+        known |= zip(part, simulate(scenario, IDEAL, cases=part).least_m, strict=True)
     least = [known[case] for case in cases]
-    return np.array(least) if least else np.empty((0, trace.distance_m.shape[2]))
+    return np.array(least) if least else np.empty((0, trace.least_m.shape[1]))
 
 
 def _case(trace: Trace, run: int) -> _Case:

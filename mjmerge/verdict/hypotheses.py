@@ -24,8 +24,9 @@ from mjmerge.law.opinion_dynamics.barrier import effective_distance
 from mjmerge.law.opinion_dynamics.parameters import Parameters
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.mismatch import column
+from mjmerge.scenario.ramp import EDGE_DISTANCE, END_DISTANCE, END_RATE
 from mjmerge.simulation.trace import Trace
-from mjmerge.state import Mask, dot, norm
+from mjmerge.state import Array, Mask, dot, norm
 from mjmerge.verdict.loops import foreseen_window_s, longest_delay_s
 from mjmerge.verdict.metrics import saturated
 
@@ -53,6 +54,7 @@ class Hypothesis:
         plants: which plants have the thing.
         sampled: whether it is about a command that is held, or late: not asked in continuous time.
         laws: whose it is.
+        ends: whether it is about the end of the ego's lane.
     """
 
     name: str
@@ -62,15 +64,22 @@ class Hypothesis:
     plants: tuple[str, ...] = EVERY
     sampled: bool = False
     laws: tuple[type[Law], ...] = (Law,)
+    ends: bool = False
 
     def asked(self, trace: Trace) -> bool:
         """Whether the trace's world has what this is about."""
-        law = trace.scenario.law
         there = trace.plant in self.plants and not (self.sampled and trace.continuous)
-        return there and self.of(law)
+        return there and self.of(trace.scenario.law, ends=trace.scenario.road.ends_m is not None)
 
-    def of(self, law: Law) -> bool:
-        """Whether it is one of this law's; of one from outside none is but those of every law."""
+    def of(self, law: Law, *, ends: bool = False) -> bool:
+        """Whether it is one of this law's; of one from outside none is but those of every law.
+
+        Args:
+            law: which.
+            ends: whether the ego's lane ends.
+        """
+        if self.ends and not ends:
+            return False
         return self.laws == (Law,) or (isinstance(law, self.laws) and not from_outside(law.kind))
 
 
@@ -123,12 +132,12 @@ def _paper(trace: Trace) -> Parameters:
 
 
 def _safe_start(trace: Trace) -> Mask:
-    return _at_start(trace, np.any(trace.distance_m[:, 0] <= 0, axis=1))
+    return _at_start(trace, np.any(trace.guarded_m[:, 0] <= 0, axis=1))
 
 
 def _bounded_start(trace: Trace) -> Mask:
     with np.errstate(divide="ignore", invalid="ignore"):
-        rate = trace.distance_rate_mps[:, 0] / trace.distance_m[:, 0]
+        rate = trace.guarded_rate_mps[:, 0] / trace.guarded_m[:, 0]
     return _at_start(trace, np.any(np.isinf(rate), axis=1))
 
 
@@ -146,7 +155,7 @@ def _opinion_awake(trace: Trace) -> Mask:
 
 def _barrier_on(trace: Trace) -> Mask:
     """Off everywhere with k_o = 0, or with a law that has none; and where a variant caps 1/d."""
-    law, d = trace.scenario.law, trace.distance_m
+    law, d = trace.scenario.law, trace.guarded_m
     if from_outside(law.kind):
         return np.full(d.shape[:2], getattr(law, GUARDED, None) is False)
     if not isinstance(law, Parameters):
@@ -209,6 +218,14 @@ def _margin_covers(trace: Trace) -> Mask:
     return touching
 
 
+def _end_told(trace: Trace) -> Mask:
+    return np.full(trace.distance_m.shape[:2], trace.scenario.road.told == "nothing")
+
+
+def _margin_covers_end(trace: Trace) -> Mask:
+    return trace.off_the_end & (trace.signals[END_DISTANCE] > 0)
+
+
 def _rolling(trace: Trace) -> Mask:
     return np.abs(trace.speed_mps[:, :, 0]) < trace.scenario.law.eps_v_mps
 
@@ -250,24 +267,39 @@ def _sampled_finely(trace: Trace) -> Mask:
     Whatever crosses d = 0 passes a tick like that. So it counts only where the barrier does what it says: the
     fault is not the hold's where u_c is not what (barrier) gives for what the ego was told, at least by half.
     """
-    law, h, d = _paper(trace), trace.scenario.control_step_s, trace.distance_m
+    law, h, d = _paper(trace), trace.scenario.control_step_s, trace.guarded_m
     near = d > 0  # inside the margin it is too late for an excuse
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = law.k_v + np.sum(np.where(near, law.k_o / effective_distance(law, d), 0.0), axis=2)
-    jumps = np.any(near & (d + np.minimum(trace.distance_rate_mps, 0) * h <= 0), axis=2)
+    jumps = np.any(near & (d + np.minimum(trace.guarded_rate_mps, 0) * h <= 0), axis=2)
     coarse: Mask = np.any(near, axis=2) & (jumps | (gain * h >= 2))
     return coarse & _barrier_acts(trace)
 
 
 def _barrier_acts(trace: Trace) -> Mask:
     """Whether u_c has, along the barrier's command for what the ego was told, at least half its size."""
-    law, p, d = _paper(trace), trace.front_m, trace.sensed_distance_m
-    e = p[:, :, :1] - p[:, :, 1:]
+    law, (d, rate) = _paper(trace), _told(trace)
+    e = trace.front_m[:, :, :1] - trace.guarded_points_m
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        closing = -np.minimum(trace.sensed_distance_rate_mps, 0) / effective_distance(law, d)
+        closing = -np.minimum(rate, 0) / effective_distance(law, d)
         told = law.k_o * np.sum(np.where(d > 0, closing, 0.0)[..., None] * e / norm(e)[..., None], axis=2)
         acts: Mask = dot(trace.u_c_mps2, told) >= dot(told, told) / 2
     return acts
+
+
+def _told(trace: Trace) -> tuple[Array, Array]:
+    """d_j, m, and its rate, m/s, of all that the law keeps clear of, as it is told, (N, T, C-1 or C)."""
+    d, rate, ramp = trace.sensed_distance_m, trace.sensed_distance_rate_mps, trace.ramp
+    if ramp is None or not ramp.told:
+        return d, rate
+    end = ramp.columns(
+        trace.sensed_front_m[:, :, 0], trace.sensed_velocity_mps[:, :, 0], trace.sensed_heading_rad
+    )
+    d, rate = (
+        np.concatenate([of_cars, end[name][..., None]], axis=2)
+        for of_cars, name in ((d, END_DISTANCE), (rate, END_RATE))
+    )
+    return d, rate
 
 
 def _prompt(trace: Trace) -> Mask:
@@ -279,7 +311,7 @@ def _prompt(trace: Trace) -> Mask:
     turns = trace.plant in WHEELS and way.inverse == "measured"
     reckons_s = way.dead_time_s if way.inverse == "predicted" and trace.plant in WHEELS else 0.0
     for run in np.flatnonzero(late_s != reckons_s).tolist():
-        d = trace.distance_m[run]
+        d = trace.guarded_m[run]
         near = d > 0
         gain = law.k_v + law.k_o / np.where(near, effective_distance(law, d), np.inf)
         if reckons_s:
@@ -295,7 +327,7 @@ def _prompt(trace: Trace) -> Mask:
 def _starts_within(trace: Trace) -> Mask:
     law = trace.scenario.law
     assert isinstance(law, CbfQp)
-    psi = trace.distance_rate_mps[:, 0] + law.alpha_1 * trace.distance_m[:, 0]
+    psi = trace.guarded_rate_mps[:, 0] + law.alpha_1 * trace.guarded_m[:, 0]
     return _at_start(trace, np.any(psi < 0, axis=1))
 
 
@@ -417,6 +449,16 @@ HYPOTHESES: dict[str, Hypothesis] = {
             _margin_covers,
             ("distance_m", "clearance_m", "contact_impulse_n_s"),
             BODIES,
+        ),
+        Hypothesis(
+            "end is told", "the law is told where its lane ends", _end_told, (EDGE_DISTANCE,), ends=True
+        ),
+        Hypothesis(
+            "margin covers the end",
+            "the body is on the road while d_end > 0: the law keeps the front axle clear",
+            _margin_covers_end,
+            (EDGE_DISTANCE, END_DISTANCE),
+            ends=True,
         ),
     )
 }

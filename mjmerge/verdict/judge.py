@@ -11,9 +11,10 @@ The theorem says: from any safe state on, if its hypotheses hold, every d_j stay
 - ``assumption broken``: unsafe, and a hypothesis was broken in the approach;
 - ``refuted``: unsafe with every hypothesis true in the approach: the theorem, or our code, is wrong.
 
-Unsafe means d_j <= 0, or bodies that touch the ego's. The approach is the stretch from the last time that the
-pair in question was comfortably apart (d_j >= r/2) to the moment it is unsafe: from that state the theorem
-starts anew, so what broke and was over before excuses nothing. Every time that a run becomes unsafe counts.
+Unsafe means d_j <= 0, bodies that touch the ego's, or, where the ego's lane ends, its body off the road
+there. The approach is the stretch from the last time that the pair in question was comfortably apart
+(d_j >= r/2, or as far from the edge) to the moment it is unsafe: from that state the theorem starts anew, so
+what broke and was over before excuses nothing. Every time that a run becomes unsafe counts.
 
 The safety floor of the scenario is a separate, stricter question: it decides the exit code.
 """
@@ -30,7 +31,7 @@ from mjmerge.simulation.trace import Stop, Trace, check_trace
 from mjmerge.state import Array, Mask, dot
 from mjmerge.verdict.counterfactual import guarded, with_barrier_m, without_barrier_m
 from mjmerge.verdict.hypotheses import OBEYS_WINDOW_S, SEEN, Hypothesis, asked
-from mjmerge.verdict.metrics import Collision, Event, collisions
+from mjmerge.verdict.metrics import Collision, Event, RanOff, collisions, ran_off
 
 HELD, VACUOUS, INCOMPLETE, UNRESOLVED, BROKEN, REFUTED = (
     "held", "vacuous", "incomplete", "unresolved", "assumption broken", "refuted",
@@ -65,15 +66,17 @@ class Verdict:
         run: which simulation.
         verdict: one of ``VERDICTS``.
         reason: its grounds in words.
-        unsafe_at_s: when d_j <= 0 or bodies touched first, s; ``None`` if never. Where several moments are
-            unsafe, the one that the verdict is about.
+        unsafe_at_s: when d_j <= 0, bodies touched or the ego was off the end of its lane first, s; ``None``
+            if never. Where several moments are unsafe, the one that the verdict is about.
         matters: the breach that the verdict names: of an unsafe run, the first that was still broken, or
             broke, in the approach; of a safe one, the first of all. ``None`` if there is none.
         breaches: hypotheses that broke, when each did first, in order of time.
         collisions: bodies that touched, whoever they are, in order of time.
         needed: whether the run is safe because of the barrier; ``None`` where it is not safe, or not over.
-        without_barrier_m: least d_j of the ideal without the barrier, m; ``None`` where it was not asked for.
-        floor_held: whether it also kept the scenario's safety floor, to the end.
+        without_barrier_m: least d_j, or distance from the edge, of the ideal without the barrier, m; ``None``
+            where it was not asked for.
+        floor_held: whether it also kept the scenario's safety floors, to the end.
+        ran_off: where the ego ran off the end of its lane; ``None`` if it did not.
     """
 
     run: int
@@ -86,6 +89,7 @@ class Verdict:
     needed: bool | None
     without_barrier_m: float | None
     floor_held: bool
+    ran_off: RanOff | None = None
 
     def events(self) -> list[Event]:
         """The breaches as events of the run."""
@@ -100,8 +104,8 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
 
     Args:
         trace: what happened.
-        without: least d_j of each simulation on the ideal plant without the barrier, m, (N, C-1). By
-            default they are simulated, of those that are safe.
+        without: what :attr:`Trace.least_m` is of each simulation on the ideal plant without the barrier, m,
+            (N, C-1 or C). By default they are simulated, of those that are safe.
 
     Raises:
         MjmergeError: it is no trace.
@@ -109,7 +113,7 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
     check_trace(trace)
     evidence = _Evidence.of(trace)
     safe = [run for run in range(trace.runs) if evidence.is_safe(run)]
-    least = np.full((trace.runs, trace.distance_m.shape[2]), np.nan)
+    least = np.full(trace.least_m.shape, np.nan)
     if without is not None:
         least[safe] = without[safe]
     elif safe and guarded(trace.scenario):
@@ -118,8 +122,11 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
     far = [run for run in safe if _needed(evidence, run, least[run]) and evidence.kept_m(run) >= evidence.r_m]
     if far:
         ideal[far] = with_barrier_m(trace, far).min(axis=1)
-    floor = trace.scenario.expect.min_distance_m.at_least
+    expect, edge_m = trace.scenario.expect, trace.edge_distance_m
+    floor = expect.min_distance_m.at_least
     above: Mask = np.all(trace.distance_m >= floor, axis=(1, 2))  # false for NaN: missing data is no pass
+    if edge_m is not None:
+        above = above & np.all(edge_m >= expect.min_edge_distance_m.at_least, axis=1)
     found = []
     for run in range(trace.runs):
         breaches = evidence.breaches(run)
@@ -127,12 +134,13 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
             ruling = _ruling_of_safe(evidence, run, least[run], float(ideal[run]), breaches)
         else:
             ruling = _ruling_of_other(evidence, run)
-        touched = tuple(collisions(trace, run))
+        touched, off = tuple(collisions(trace, run)), ran_off(trace, run)
+        failures: list[Collision | RanOff] = [*touched, *([off] if off else [])]
         found.append(
             Verdict(
                 run=run,
                 verdict=ruling.verdict,
-                reason="; ".join([*(collision.sentence for collision in touched), ruling.reason]),
+                reason="; ".join([*(one.sentence for one in sorted(failures, key=_when)), ruling.reason]),
                 unsafe_at_s=ruling.unsafe_at_s,
                 matters=ruling.matters,
                 breaches=breaches,
@@ -140,6 +148,7 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
                 needed=ruling.needed,
                 without_barrier_m=None if np.isnan(least[run]).any() else float(least[run].min()),
                 floor_held=bool(above[run]) and ruling.unsafe_at_s is None and run not in evidence.stops,
+                ran_off=off,
             )
         )
     return found
@@ -164,13 +173,16 @@ class _Evidence:
         trace: the trace.
         hypotheses: those that are asked of it, by name.
         marks: the ticks at which each is broken, (N, T).
-        unsafe: the ticks at which each pair with the ego is, (N, T, C-1).
+        apart_m: distance d_j of each neighbour, m, (N, T, C-1), and where the ego's lane ends one more: that
+            of its body from the edge.
+        unsafe: the ticks at which each of these is, likewise.
         stops: why simulations ended early, by simulation.
     """
 
     trace: Trace
     hypotheses: dict[str, Hypothesis]
     marks: dict[str, Mask]
+    apart_m: Array
     unsafe: Mask
     stops: dict[int, Stop]
 
@@ -178,12 +190,15 @@ class _Evidence:
     def of(cls, trace: Trace) -> _Evidence:
         hypotheses = asked(trace)
         marks = {name: one.marks(trace) for name, one in hypotheses.items()}
-        unsafe = (trace.distance_m <= 0) | trace.touching_ego
-        return cls(trace, hypotheses, marks, unsafe, {stop.run: stop for stop in trace.stops})
+        apart_m, unsafe = trace.distance_m, (trace.distance_m <= 0) | trace.touching_ego
+        if trace.edge_distance_m is not None:
+            apart_m = np.concatenate([apart_m, trace.edge_distance_m[..., None]], axis=2)
+            unsafe = np.concatenate([unsafe, trace.off_the_end[..., None]], axis=2)
+        return cls(trace, hypotheses, marks, apart_m, unsafe, {stop.run: stop for stop in trace.stops})
 
     def is_safe(self, run: int) -> bool:
         """Whether it is so to the end, and known to be."""
-        known = not np.isnan(self.trace.distance_m[run]).any()
+        known = not np.isnan(self.apart_m[run]).any()
         return known and run not in self.stops and not self.unsafe[run].any()
 
     @property
@@ -192,8 +207,8 @@ class _Evidence:
         return self.trace.scenario.r_m
 
     def kept_m(self, run: int) -> float:
-        """The least d_j of a simulation, m."""
-        return float(self.trace.distance_m[run].min())
+        """The least d_j, or distance from the edge, of a simulation, m."""
+        return float(self.apart_m[run].min())
 
     def breaches(self, run: int) -> tuple[Breach, ...]:
         """What broke, when it did first, in order of time."""
@@ -223,8 +238,8 @@ class _Evidence:
         ]
 
     def approach(self, run: int, tick: int, pairs: Mask) -> int:
-        """The tick from which pairs, (C-1,), came to be unsafe at a tick: when both were last comfortable."""
-        near = self.trace.distance_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.r_m
+        """The tick from which pairs, (C-1 or C,), came to be unsafe at one: all were last comfortable."""
+        near = self.apart_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.r_m
         apart = [np.flatnonzero(~row) for row in near]
         return min(int(ticks[-1]) if ticks.size else 0 for ticks in apart)
 
@@ -246,7 +261,7 @@ def _ruling_of_safe(
         why = f"safe, but how it would end without {guard} is not known"
         return _Ruling(VACUOUS, why, matters=first)
     j = int(np.argmin(without_m))
-    alone = f"without {guard} the ideal comes to d_{j + 1} = {without_m[j]:.3f} m"
+    alone = f"without {guard} the ideal {_comes_to(trace, j, without_m[j])}"
     if not _needed(e, run, without_m):
         why = f"safe, but not because of {guard}: {alone}"
         return _Ruling(VACUOUS, why, matters=first, needed=False)
@@ -267,6 +282,17 @@ def _ruling_of_safe(
     return _Ruling(HELD, f"safe, and {guard} was needed: {alone}", needed=True)
 
 
+def _when(failure: Collision | RanOff) -> float:
+    return failure.time_s
+
+
+def _comes_to(trace: Trace, j: int, least_m: float) -> str:
+    """How close a simulation comes, in words, by the place of what it comes close to."""
+    if j < len(trace.roster.neighbours):
+        return f"comes to d_{j + 1} = {least_m:.3f} m"
+    return "runs off the end of its lane" if least_m <= 0 else f"comes to {least_m:.3f} m from the edge"
+
+
 def _dissipates(trace: Trace, run: int) -> bool:
     """Whether the barrier acted, all in all, as one that takes energy out of the motion towards neighbours.
 
@@ -274,9 +300,9 @@ def _dissipates(trace: Trace, run: int) -> bool:
     """
     if not is_paper(trace.scenario.law):
         return True  # no other claims that
-    g = trace.front_m[run, :, :1] - trace.front_m[run, :, 1:]
+    g = trace.front_m[run, :, :1] - trace.guarded_points_m[run]
     g /= np.linalg.norm(g, axis=-1, keepdims=True)
-    closing = -trace.distance_rate_mps[run] / trace.distance_m[run]
+    closing = -trace.guarded_rate_mps[run] / trace.guarded_m[run]
     against = np.sum(closing[..., None] * g, axis=1)
     return bool(np.nansum(dot(trace.u_c_mps2[run], against)) > 0)
 
@@ -331,8 +357,10 @@ def _ruling_of_touch(e: _Evidence, run: int, stop: Stop) -> _Ruling:
     """Of a simulation in continuous time that ended where d_j was no more than the solver can tell from 0."""
     known = np.flatnonzero(~np.isnan(e.trace.distance_m[run]).any(axis=1))
     last = int(known[-1]) if known.size else 0
-    d = e.trace.distance_m[run, last]
-    start = e.approach(run, last, d == d.min())
+    d = e.trace.guarded_m[run, last]
+    pairs = np.zeros(e.apart_m.shape[2], dtype=bool)
+    pairs[: len(d)] = d == d.min()
+    start = e.approach(run, last, pairs)
     breach = e.broken_in(run, start, last)
     if breach is not None:
         why = f"{stop.reason}, after '{breach.hypothesis}' broke at {breach.time_s:.2f} s"

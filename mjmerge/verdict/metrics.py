@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mjmerge.config.bounds import whole
 from mjmerge.roster import EGO
+from mjmerge.scenario.ramp import EDGE_DISTANCE
 from mjmerge.simulation.trace import Trace, check_trace
 from mjmerge.state import Array, Mask, nanoseconds
 
@@ -65,6 +66,33 @@ class Collision:
         fast = "" if self.speed_mps is None else f" at {self.speed_mps:.2f} m/s"
         who = f"the ego hits {self.b}" if self.a == EGO else f"{self.a} and {self.b} collide"
         return f"{who} at {self.time_s:.2f} s{fast}"
+
+
+@dataclass(frozen=True)
+class RanOff:
+    """The ego's body over the edge of the road where its lane ends, for the first time.
+
+    Attributes:
+        time_s: when, s.
+        speed_mps: how fast its front axle was, m/s.
+    """
+
+    time_s: float
+    speed_mps: float
+
+    @property
+    def sentence(self) -> str:
+        """As the beginning of a reason."""
+        return f"the ego runs off the end of its lane at {self.time_s:.2f} s at {self.speed_mps:.2f} m/s"
+
+
+def ran_off(trace: Trace, run: int = 0) -> RanOff | None:
+    """When the ego ran off the end of its lane in one simulation; ``None`` if it did not, or has no end."""
+    ticks = np.flatnonzero(trace.off_the_end[run])
+    if not ticks.size:
+        return None
+    speed = float(np.hypot(*trace.velocity_mps[run, ticks[0], 0]))
+    return RanOff(float(trace.time_s[ticks[0]]), speed)
 
 
 def collisions(trace: Trace, run: int = 0) -> list[Collision]:
@@ -245,6 +273,11 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
                 "ego",
                 f"d_{j + 1} <= 0: inside the margin of {name}, down to {least:.3f} m{within(start, end)}",
             )
+    for start, end in spans(trace.off_the_end[run]):
+        least = np.nanmin(trace.signals[EDGE_DISTANCE][run, start:end])
+        speed = np.hypot(*trace.velocity_mps[run, start, 0])
+        text = f"runs off the end of its lane at {speed:.2f} m/s, by {-least:.3f} m{within(start, end)}"
+        add(start, "error", "ego", text)
     for i, (a, b) in enumerate(trace.roster.pairs):
         for start, end in spans(trace.touching[run, :, i]):
             impulse = np.nansum(trace.contact_impulse_n_s[run, start:end, i])

@@ -21,18 +21,26 @@ ENDED = "ended"
 """State of everything once a simulation has stopped before its time."""
 WATCHED = {"decision": DECISION, "safety": SAFETY, "actuation": ACTUATION}
 """What is watched beside the hypotheses."""
+ROAD = {"road": ("on the road", "off the end")}
+"""What else is watched where the ego's lane ends."""
 
 NAMES: dict[str, tuple[str, ...]] = {
     **WATCHED,
+    **ROAD,
     **dict.fromkeys(HYPOTHESES, CONTRACT),
 }
 """What can be watched, whatever the law, and the states it can be in, from the calmest on."""
 
 
-def names(law: Law) -> dict[str, tuple[str, ...]]:
-    """What is watched under a law, and the states it can be in."""
-    of = [name for name, one in HYPOTHESES.items() if one.of(law)]
-    return {**WATCHED, **dict.fromkeys((*of, *own(law)), CONTRACT)}
+def names(law: Law, *, ends: bool = False) -> dict[str, tuple[str, ...]]:
+    """What is watched under a law, and the states it can be in.
+
+    Args:
+        law: which.
+        ends: whether the ego's lane ends.
+    """
+    of = [name for name, one in HYPOTHESES.items() if one.of(law, ends=ends)]
+    return {**WATCHED, **(ROAD if ends else {}), **dict.fromkeys((*of, *own(law)), CONTRACT)}
 
 
 @dataclass(frozen=True)
@@ -74,5 +82,6 @@ def _states(trace: Trace, run: int) -> dict[str, NDArray[np.int64]]:
         "decision": np.where(merged(trace)[run] & merging, 2, merging.astype(np.int64)),
         "safety": np.where(touching, 2, inside.astype(np.int64)),
         "actuation": saturated(trace)[run, :, 0].astype(np.int64),
+        **({} if trace.edge_distance_m is None else {"road": trace.off_the_end[run].astype(np.int64)}),
         **{name: marks[run].astype(np.int64) for name, marks in broken(trace).items()},
     }

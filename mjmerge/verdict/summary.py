@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 
 def worst_run(trace: Trace) -> int:
-    """The simulation that came closest to a neighbour; one without data is worse than any other."""
-    least = trace.min_distance_m.min(axis=1)
+    """The simulation that came closest to a neighbour, or to the edge; without data it is worse than any."""
+    least = trace.least_m.min(axis=1)
     return int(np.argmin(np.where(np.isnan(least), -np.inf, least)))
 
 
@@ -99,6 +99,7 @@ def summary(
             for s in trace.stops
         ],
         "duration_s": number(float(ends_s(trace).max())),
+        **_end(trace, verdicts),
         **_own(trace, metrics or {}, run),
     }
 
@@ -108,6 +109,19 @@ def ends_s(trace: Trace) -> Array:
     known = ~np.isnan(trace.front_m[:, :, 0, 0])
     last: Array = np.where(known, trace.time_s, 0.0).max(axis=1)
     return last
+
+
+def _end(trace: Trace, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """What is said of the end of the ego's lane; nothing where it goes on."""
+    if trace.edge_distance_m is None:
+        return {}
+    return {
+        "ran_off": [
+            {"seed": int(trace.seeds[v.run]), **asdict(v.ran_off)} for v in verdicts if v.ran_off is not None
+        ],
+        "min_edge_distance_m": number(_least(trace.least_m[:, -1:])[0]),
+        "edge_floor_m": trace.scenario.expect.min_edge_distance_m.at_least,
+    }
 
 
 def _own(trace: Trace, values: Mapping[str, Array], run: int) -> dict[str, Any]:

@@ -38,6 +38,8 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("body clearance", "- (no bodies)" if clearance is None else metres(clearance))
     if found["collisions"]:
         grid.add_row("collisions", _collided(found["collisions"], found["runs"]))
+    if "min_edge_distance_m" in found:
+        grid.add_row("edge of the road", _at_the_end(found))
     merged = found["merged_at_s"]
     turned = found["turned_rad"]
     said = f"at {seconds(merged)} (lateral error < {MERGED_M} m)" if merged is not None else "no"
@@ -68,6 +70,20 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("safety floor", f"[{'green' if good else 'red'}]{floor}[/]")
     grid.add_row("real time", f"x {found['real_time_factor']:.1f}")
     return grid
+
+
+def _at_the_end(found: Mapping[str, Any]) -> str:
+    """How close the body came to the edge where the lane ends, and who ran off; the first four of them."""
+    said = f"{metres(found['min_edge_distance_m'])} left where the lane ends"
+    if floor := found["edge_floor_m"]:
+        said += f" (floor {metres(floor)})"
+    off = [
+        f"at {seconds(one['time_s'])} at {one['speed_mps']:.2f} m/s"
+        + (f" (seed {one['seed']})" if found["runs"] > 1 else "")
+        for one in found["ran_off"][:4]
+    ]
+    more = f" and {len(found['ran_off']) - 4} more" if len(found["ran_off"]) > 4 else ""
+    return f"RAN OFF {', '.join(off)}{more}; {said}" if off else said
 
 
 def _collided(collisions: Sequence[Mapping[str, Any]], runs: int) -> str:

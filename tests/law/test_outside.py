@@ -24,7 +24,7 @@ from mjmerge.review.convert import flat
 from mjmerge.review.replay import replay
 from mjmerge.review.verify import verify
 from mjmerge.run import run
-from mjmerge.simulation.trace import COLUMNS
+from mjmerge.simulation.trace import COLUMNS, END_COLUMNS
 from mjmerge.starts.make import KINDS, make
 from mjmerge.verdict.hypotheses import broken
 
@@ -297,7 +297,7 @@ WRONG = {
 
 
 def test_no_signal_can_be_called_as_a_column_of_every_run_is(here):
-    assert {column.name for column in COLUMNS} | {"time_s"} == TAKEN
+    assert {column.name for column in (*COLUMNS, *END_COLUMNS)} | {"time_s"} == TAKEN
     Path("mine.py").write_text(TWICE)
     assert "a signal called a_m, which is there twice" in refused()
 

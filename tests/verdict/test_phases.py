@@ -6,7 +6,7 @@ import pytest
 from mjmerge.scenario.load import load
 from mjmerge.simulation.trace import Stop
 from mjmerge.verdict.hypotheses import HYPOTHESES
-from mjmerge.verdict.phases import ENDED, NAMES, WATCHED, names, phases
+from mjmerge.verdict.phases import ENDED, NAMES, ROAD, WATCHED, names, phases
 
 T = 40
 
@@ -35,7 +35,7 @@ def test_every_subject_has_a_state_from_the_start(make_trace):
     watched = names(load("paper").law)
     assert [p.subject for p in found if p.time_s == 0.0] == list(watched)
     assert len(found) == len(watched)
-    assert set(watched) < set(NAMES) == set(HYPOTHESES) | set(WATCHED)
+    assert set(watched) < set(NAMES) == set(HYPOTHESES) | set(WATCHED) | set(ROAD)
 
 
 def test_a_merge_goes_through_its_three_states(make_trace):

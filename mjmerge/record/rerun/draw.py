@@ -164,7 +164,7 @@ def still_states(scenario: Scenario) -> Still:
             layout.phase_entity(subject),
             rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject)),
         )
-        for subject, names in phases.names(scenario.law).items()
+        for subject, names in phases.names(scenario.law, ends=scenario.road.ends_m is not None).items()
     ]
 
 

@@ -16,7 +16,7 @@ from mjmerge.record.rerun import arrow
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array
 from mjmerge.verdict.hypotheses import called
-from mjmerge.verdict.phases import CONTRACT, NAMES, WATCHED
+from mjmerge.verdict.phases import CONTRACT, NAMES, ROAD, WATCHED
 
 SIM_TIME, MCAP_TIME = "sim_time", "message_log_time"
 """Simulated time in our own files, and in an MCAP as Rerun reads it."""
@@ -37,7 +37,7 @@ def entity(frame: str) -> str:
 
 def phase_entity(subject: str) -> str:
     """Entity of what changes its state: ``/hypotheses/...`` for those, ``/phases/...`` otherwise."""
-    return f"/{'phases' if subject in WATCHED else 'hypotheses'}/{subject.replace(' ', '_')}"
+    return f"/{'phases' if subject in WATCHED | ROAD else 'hypotheses'}/{subject.replace(' ', '_')}"
 
 
 def own_hypothesis(entity: str) -> str | None:
