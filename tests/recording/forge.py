@@ -47,7 +47,8 @@ class Forger:
         """
         found = self._with(self.columns(change))
         c = dict(found.columns)
-        c |= geometry(c["front_m"], c["velocity_mps"], self.about.scenario.law)
+        law = self.about.scenario.law
+        c |= geometry(c["front_m"], c["velocity_mps"], law.r_m, (law.j_1, law.j_2))
         found = replace(found, columns=c)
         c |= commands(found, found.trace(), cars_of(found, found.trace()))
         if not self.about.told:
