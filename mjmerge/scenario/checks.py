@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from inspect import signature
 from itertools import combinations
-from math import dist
+from math import dist, inf
 from typing import Any
 
 import numpy as np
@@ -100,7 +100,7 @@ def _order_and_gap(initial: Initial, law: Law) -> Iterator[Problem]:
         )
     if x_2 >= x_1 or (r_rho_m is not None and r_rho_m >= 0):
         return
-    gap = dist(first, second)
+    gap = dist(first, second) if law.choice == "named" else inf  # which gap it will be is not known
     furthest = gap - law.r_m
     if furthest <= law.r_m:
         yield Problem(
