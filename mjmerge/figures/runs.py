@@ -16,7 +16,7 @@ from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, colour, save
 from mjmerge.law import is_paper, of_paper
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
-from mjmerge.verdict.metrics import shared_ticks
+from mjmerge.verdict.metrics import chosen_anew, shared_ticks
 
 if TYPE_CHECKING:
     pass
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+_FEW = 3
+"""Neighbours whose names have room beside their lines."""
 
 
 def overview(trace: Trace, run: int = 0) -> Figure:
@@ -45,10 +49,24 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     _draw_distances(distance, trace, run)
     distance.set_xlabel("time (s)")
     for axes in (opinion, lateral, distance):
-        axes.legend(loc="upper right", frameon=False)
+        for k in chosen_anew(trace, run):
+            axes.axvline(t[k], color=MU, linewidth=0.8, linestyle=":")
+        if len(trace.roster.neighbours) <= _FEW:
+            axes.legend(loc="upper right", frameon=False)
+        else:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    _write_choices(opinion, trace, run)
     law = "" if is_paper(trace.scenario.law) else f", {words(trace.scenario.law.label)}"
     figure.suptitle(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}{law}")
     return figure
+
+
+def _write_choices(axes: Axes, trace: Trace, run: int) -> None:
+    """Which gap it goes for, beside the time from which it does."""
+    for k in chosen_anew(trace, run):
+        one, two = (1 + int(np.broadcast_to(j, trace.front_m.shape[:2])[run, k]) for j in trace.two)
+        where, text = (trace.time_s[k], 0.98), f" between {one} and {two}"
+        axes.text(*where, text, transform=axes.get_xaxis_transform(), rotation=90, va="top", fontsize=8)
 
 
 def opinion(trace: Trace, ideal: Trace | None = None) -> Figure:
