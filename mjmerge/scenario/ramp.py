@@ -5,10 +5,10 @@ lane's width from where the ego starts. Beyond ``road.ends_m`` there is no road 
 the taper before that, the edge line goes there straight from the outer side. So what is no road is a wedge,
 with its apex where the edge line meets the middle; the outer side before the taper is nobody's edge.
 
-The law may be told of it as of a standing obstacle: all that is no road and outside of the middle of the
-lane, another wedge, with its corner where the edge line crosses that middle. It is told the nearest point of
-that: of a single point at the end a law knows nothing once it is past it, and goes back into a lane that is
-gone.
+The law may be told of it as of a standing obstacle: what is no road, moved outwards by r less half the ego's
+width, but no further than the middle of the lane: at a distance r from that, the body is on the road. It is
+told the nearest point: of a single point at the end a law knows nothing once it is past it, and goes back
+into a lane that is gone.
 """
 
 from __future__ import annotations
@@ -91,9 +91,10 @@ class Ramp:
 
     @property
     def corner_m(self) -> Array:
-        """Where the edge line crosses the middle of the lane, m, (N, 2)."""
-        part = (self.lane_m - self.inner_m) / (self.outer_m - self.inner_m)
-        return np.stack([self.ends_m - self.taper_m * part, self.lane_m], axis=-1)
+        """The corner of the obstacle, on the edge line, m, (N, 2)."""
+        middle, across = np.abs(self.lane_m - self.inner_m), self.outer_m - self.inner_m
+        off = np.minimum(self.r_m - self.sheet.width_m / 2, middle) * np.sign(across)
+        return np.stack([self.ends_m - self.taper_m * off / across, self.inner_m + off], axis=-1)
 
     def nearest(self, p: Array, v: Array) -> tuple[Array, Array]:
         """The point of the obstacle that is nearest to the ego, m, and how it moves, m/s, each (N, 2).
