@@ -163,8 +163,8 @@ def _ends(road: Road, initial: Initial, law: Law, sheets: Mapping[str, DataSheet
         room_m = min(room_m, abs(float(ramp.corner_m[0, 1]) - leader[1]) - law.r_m)
     if room_m <= 0:
         yield Problem(
-            f"the lane that ends is {aside:g} m beside {law.leader}'s, and the ego has no room to pass its end: "
-            f"it is {ego.width_m:g} m wide and keeps r_m = {law.r_m:g} m away",
+            f"the lane that ends is {aside:g} m beside {law.leader}'s, and it cannot pass its end: the ego "
+            f"is {ego.width_m:g} m wide and keeps r_m = {law.r_m:g} m away",
             "initial.ego.front_m",
         )
         return

@@ -13,8 +13,9 @@ The theorem says: from any safe state on, if its hypotheses hold, every d_j stay
 
 Unsafe means d_j <= 0, bodies that touch the ego's, or, where the ego's lane ends, its body off the road
 there. The approach is the stretch from the last time that the pair in question was comfortably apart
-(d_j >= r/2; of the end d_end, or the distance from the edge where the law is not told of it) to the moment it is unsafe: from that state the theorem starts anew, so
-what broke and was over before excuses nothing. Every time that a run becomes unsafe counts.
+(d_j >= r/2; of the end d_end, or the distance from the edge where the law is not told of it) to the moment it
+is unsafe: from that state the theorem starts anew, so what broke and was over before excuses nothing. Every
+time that a run becomes unsafe counts.
 
 The safety floor of the scenario is a separate, stricter question: it decides the exit code.
 """
