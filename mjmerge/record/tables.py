@@ -6,7 +6,7 @@ from mjmerge.record import schema
 from mjmerge.record.scene import DRAWN_EVERY_S
 from mjmerge.record.schema import CAR_COLUMNS, LAW_COLUMNS, TOLD_COLUMNS, Field
 from mjmerge.roster import XY, roster
-from mjmerge.simulation.trace import Column
+from mjmerge.simulation.trace import END_COLUMNS, Column
 
 _UNITS = {
     "_n_m": "N m",
@@ -44,6 +44,14 @@ def fields() -> str:
             *(_row(f, by_name.get(f.name)) for f in wire.messages[message]),
             "",
         ]
+    tables += [
+        f"`{schema.SIGNAL_TOPIC}` holds `{schema.PACKAGE}.{schema.SIGNAL_MESSAGE}`, where the ego's lane ends:",
+        "",
+        "| field | unit | frame | symbol | what it is |",
+        "|---|---|---|---|---|",
+        *(_row(Field(c.name, c.doc), c) for c in END_COLUMNS),
+        "",
+    ]
     return "\n".join(tables)
 
 
@@ -69,7 +77,7 @@ def topics() -> str:
             "`/signals`",
             "`/signals`",
             "every tick",
-            "`SignalState`: what a law records of its own, named by it; the manifest says what each is",
+            "`SignalState`: what a law records of its own, and the end of a lane; the manifest says what each is",
         ),
         ("`/tf`", "`/world/<car>/<body>`, ...", drawn, "poses of all that is drawn, in the world, float32"),
         (
@@ -85,7 +93,7 @@ def topics() -> str:
             "`/phases`",
             "`/phases/*`, `/hypotheses/*`",
             "as it changes",
-            "states: decision, safety, actuation, hypotheses",
+            "states: decision, safety, actuation, hypotheses; the road where the lane ends",
         ),
         (
             "attachments",

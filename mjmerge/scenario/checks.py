@@ -156,21 +156,18 @@ def _ends(road: Road, initial: Initial, law: Law, sheets: Mapping[str, DataSheet
         return
     (x, y), leader = initial.ego.front_m, getattr(initial, law.leader).front_m
     ego, aside = sheets[EGO], abs(y - leader[1])
-    need, why = ego.width_m, f"the ego ({ego.width_m:g} m wide) comes by"
-    if road.told == "obstacle":
-        need, why = (
-            max(need, law.r_m),
-            f"it passes the end that the law is told of (r_m = {law.r_m:g} m)",
-        )
-    if aside <= need:
+    ramp = Ramp.at(road, np.array([[y, leader[1]]]), ego, law.r_m)
+    assert ramp is not None, "there is an end"
+    room_m = aside - ego.width_m
+    if ramp.told:
+        room_m = min(room_m, abs(float(ramp.corner_m[0, 1]) - leader[1]) - law.r_m)
+    if room_m <= 0:
         yield Problem(
-            f"the lane that ends is {aside:g} m beside {law.leader}'s; it must be more than {need:g} m, so "
-            f"that {why}",
+            f"the lane that ends is {aside:g} m beside {law.leader}'s, and it cannot pass its end: the ego "
+            f"is {ego.width_m:g} m wide and keeps r_m = {law.r_m:g} m away",
             "initial.ego.front_m",
         )
         return
-    ramp = Ramp.at(road, np.array([[y, leader[1]]]), ego, law.r_m)
-    assert ramp is not None, "there is an end"
     left = ramp.columns(np.array([[x, y]]), np.zeros((1, 2)), np.zeros(1))
     edge_m, end_m = float(left[EDGE_DISTANCE][0]), float(left[END_DISTANCE][0])
     if edge_m <= 0:

@@ -5,16 +5,17 @@ lane's width from where the ego starts. Beyond ``road.ends_m`` there is no road 
 the taper before that, the edge line goes there straight from the outer side. So what is no road is a wedge,
 with its apex where the edge line meets the middle; the outer side before the taper is nobody's edge.
 
-The law may be told of it as of a standing obstacle: all that is no road and outside of the middle of the
-lane, another wedge, with its corner where the edge line crosses that middle. It is told the nearest point of
-that: of a single point at the end a law knows nothing once it is past it, and goes back into a lane that is
-gone.
+The law may be told of it as of a standing obstacle: what is no road, moved outwards by r less half the ego's
+width, but no further than the middle of the lane: at a distance r from that, the body is on the road. It is
+told the nearest point: of a single point at the end a law knows nothing once it is past it, and goes back
+into a lane that is gone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -89,11 +90,25 @@ class Ramp:
         """What the law is told of: :meth:`nearest`, or ``None`` where it is told nothing."""
         return self.nearest if self.told else None
 
-    @property
+    @cached_property
+    def side(self) -> Array:
+        """1 where the lane is left of its leader's, -1 where right, (N,)."""
+        return np.where(self.outer_m >= self.inner_m, 1.0, -1.0)
+
+    @cached_property
     def corner_m(self) -> Array:
-        """Where the edge line crosses the middle of the lane, m, (N, 2)."""
-        part = (self.lane_m - self.inner_m) / (self.outer_m - self.inner_m)
-        return np.stack([self.ends_m - self.taper_m * part, self.lane_m], axis=-1)
+        """The corner of the obstacle, on the edge line, m, (N, 2)."""
+        middle, across = np.abs(self.lane_m - self.inner_m), self.outer_m - self.inner_m
+        off = np.minimum(self.r_m - self.sheet.width_m / 2, middle) * self.side
+        return np.stack([self.ends_m - self.taper_m * off / across, self.inner_m + off], axis=-1)
+
+    @cached_property
+    def edges(self) -> Array:
+        """Unit vectors from the apex: along the lane that goes on, and back along the taper, (N, 2, 2)."""
+        across = self.outer_m - self.inner_m
+        long = np.hypot(self.taper_m, across)
+        on = np.stack([np.ones_like(across), np.zeros_like(across)], axis=-1)
+        return np.stack([on, np.stack([-self.taper_m / long, across / long], axis=-1)], axis=-2)
 
     def nearest(self, p: Array, v: Array) -> tuple[Array, Array]:
         """The point of the obstacle that is nearest to the ego, m, and how it moves, m/s, each (N, 2).
@@ -104,22 +119,20 @@ class Ramp:
             p: front axle of the ego, m, (N, 2).
             v: its velocity, m/s, (N, 2).
         """
-        corner, across = self.corner_m, self.outer_m - self.inner_m
-        long = np.hypot(self.taper_m, across)
-        beside = np.stack([np.ones_like(across), np.zeros_like(across)], axis=-1)
-        before = np.stack([-self.taper_m / long, across / long], axis=-1)
-        inward = np.stack([np.abs(across) / long, np.sign(across) * self.taper_m / long], axis=-1)
-        q = p - corner
-        at, to = np.zeros_like(q), np.zeros_like(v)
-        least = norm(q)
-        for side in (beside, before):
-            along = np.maximum(dot(q, side), 0.0)[..., None]
-            apart = norm(q - along * side)
-            closer = (apart < least)[..., None]
-            at, to = np.where(closer, along * side, at), np.where(closer, dot(v, side)[..., None] * side, to)
-            least = np.minimum(least, apart)
-        within = ((np.sign(across) * q[..., 1] >= 0) & (dot(q, inward) >= 0))[..., None]
-        return np.where(within, p, corner + at), np.where(within, v, to)
+        q, edges = p - self.corner_m, self.edges
+        along = np.maximum(dot(q[..., None, :], edges), 0.0)
+        feet = along[..., None] * edges
+        apart = norm(q[..., None, :] - feet)
+        first = (apart[..., 0] <= apart[..., 1])[..., None]
+        moves = np.where(along > 0, dot(v[..., None, :], edges), 0.0)[..., None] * edges
+        back = edges[..., 1, :]
+        inside = (self.side * q[..., 1] >= 0) & (
+            self.side * (q[..., 0] * back[..., 1] - q[..., 1] * back[..., 0]) >= 0
+        )
+        within = inside[..., None]
+        at = np.where(first, feet[..., 0, :], feet[..., 1, :])
+        to = np.where(first, moves[..., 0, :], moves[..., 1, :])
+        return np.where(within, p, self.corner_m + at), np.where(within, v, to)
 
     def columns(self, front_m: Array, velocity_mps: Array, heading_rad: Array) -> dict[str, Array]:
         """Its columns of the trace in one tick, each (N,).
@@ -132,10 +145,10 @@ class Ramp:
         p_end, v_end = self.nearest(front_m, velocity_mps)
         e = front_m - p_end
         distance = norm(e)
-        unit = e / np.where(distance == 0, 1.0, distance)[..., None]
+        closing = dot(e, velocity_mps - v_end)
         return {
             END_DISTANCE: distance - self.r_m,
-            END_RATE: dot(unit, velocity_mps - v_end),
+            END_RATE: closing / np.where(distance == 0, 1.0, distance),
             EDGE_DISTANCE: self.edge_distance_m(front_m, heading_rad),
         }
 
@@ -149,26 +162,27 @@ class Ramp:
             heading_rad: theta, (N,).
         """
         heading = heading_rad if self.turns else np.zeros_like(heading_rad)
-        side = np.where(self.outer_m >= self.inner_m, 1.0, -1.0)
-        wide_m = np.abs(self.outer_m - self.inner_m)
         nose_m, tail_m = self.sheet.front_overhang_m, self.sheet.length_m - self.sheet.front_overhang_m
         half_m = self.sheet.width_m / 2
-        x, y = self.ends_m - front_m[..., 0], self.inner_m - front_m[..., 1]  # to the apex
         cos, sin = np.cos(heading), np.sin(heading)
-        long = np.hypot(self.taper_m, wide_m)
-        faces = []
-        # faces of the wedge: how far the body reaches along their inward normals
-        for n_x, n_y in ((np.zeros_like(side), side), (wide_m / long, side * self.taper_m / long)):
-            along, across = n_x * cos + n_y * sin, n_y * cos - n_x * sin
-            reach = np.maximum(along * nose_m, -along * tail_m) + np.abs(across) * half_m
-            faces.append(n_x * x + n_y * y - reach)
-        # faces of the body: the apex beyond one, and the wedge going away from it
-        for f_x, f_y, reach_m in (
-            (cos, sin, nose_m), (-cos, -sin, tail_m), (-sin, cos, half_m), (sin, -cos, half_m),
-        ):  # fmt: skip
-            leaves = (f_x >= 0) & (side * wide_m * f_y >= self.taper_m * f_x)
-            faces.append(np.where(leaves, f_x * x + f_y * y - reach_m, -np.inf))
-        found = faces[0]
-        for gap in faces[1:]:
-            found = np.maximum(found, gap)
+        x, y = self.ends_m - front_m[..., 0], self.inner_m - front_m[..., 1]  # to the apex
+        ahead, left = x * cos + y * sin, y * cos - x * sin
+        back_x, back_y = self.edges[..., 1, 0], self.edges[..., 1, 1]
+        back_ahead, back_left = back_x * cos + back_y * sin, back_y * cos - back_x * sin
+        # faces of the body: the apex is beyond one, and both edges go away from it
+        along = np.where((cos >= 0) & (back_ahead >= 0), ahead - nose_m, -np.inf)
+        along = np.where((cos <= 0) & (back_ahead <= 0), np.maximum(along, -ahead - tail_m), along)
+        across = np.where((sin <= 0) & (back_left >= 0), left - half_m, -np.inf)
+        across = np.where((sin >= 0) & (back_left <= 0), np.maximum(across, -left - half_m), across)
+        # edges: how far the body reaches beyond each
+        beside = self.side * y - _reach(self.side * sin, cos, nose_m, tail_m, half_m)
+        before = self.side * (back_left * ahead - back_ahead * left) - _reach(
+            self.side * back_left, back_ahead, nose_m, tail_m, half_m
+        )
+        found: Array = np.maximum(np.maximum(along, across), np.maximum(beside, before))
         return np.where(np.isnan(x + y + heading), np.nan, found)
+
+
+def _reach(along: Array, across: Array, nose_m: float, tail_m: float, half_m: float) -> Array:
+    """How far a body reaches in a direction, m, by its components ahead and, in size, to the side."""
+    return np.maximum(along * nose_m, -along * tail_m) + np.abs(across) * half_m

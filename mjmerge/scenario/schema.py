@@ -110,8 +110,7 @@ class Road(Frozen):
     taper_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     """Length over which it narrows before that, from its outer side, m."""
     told: Literal["obstacle", "nothing"] = "obstacle"
-    """What the law is told of the end: a standing obstacle in the middle of the lane, where the edge line
-    crosses it, or nothing."""
+    """What the law is told of the end: a standing obstacle, by its nearest point, or nothing."""
 
 
 class Belief(Frozen):

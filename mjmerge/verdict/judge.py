@@ -13,8 +13,9 @@ The theorem says: from any safe state on, if its hypotheses hold, every d_j stay
 
 Unsafe means d_j <= 0, bodies that touch the ego's, or, where the ego's lane ends, its body off the road
 there. The approach is the stretch from the last time that the pair in question was comfortably apart
-(d_j >= r/2, or as far from the edge) to the moment it is unsafe: from that state the theorem starts anew, so
-what broke and was over before excuses nothing. Every time that a run becomes unsafe counts.
+(d_j >= r/2; of the end d_end, or the distance from the edge where the law is not told of it) to the moment it
+is unsafe: from that state the theorem starts anew, so what broke and was over before excuses nothing. Every
+time that a run becomes unsafe counts.
 
 The safety floor of the scenario is a separate, stricter question: it decides the exit code.
 """
@@ -239,7 +240,9 @@ class _Evidence:
 
     def approach(self, run: int, tick: int, pairs: Mask) -> int:
         """The tick from which pairs, (C-1 or C,), came to be unsafe at one: all were last comfortable."""
-        near = self.apart_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.r_m
+        guarded = self.trace.guarded_m
+        by_m = guarded if guarded.shape == self.apart_m.shape else self.apart_m  # of the end d_end, if told
+        near = by_m[run, :tick, pairs] < COMFORTABLE * self.trace.scenario.r_m
         apart = [np.flatnonzero(~row) for row in near]
         return min(int(ticks[-1]) if ticks.size else 0 for ticks in apart)
 

@@ -64,7 +64,8 @@ def table(found: dict[str, Any]) -> Table:
     for stop in found["stops"][:5]:
         what = f"seed {stop['seed']} at {seconds(stop['time_s'])}: {stop['car']}, {stop['reason']}"
         grid.add_row("stopped", escape(what))
-    floor = f"{found['floor_m']:.3f} m " + ("held" if good else "BROKEN")
+    edge = f", {found['edge_floor_m']:.3f} m to the edge" if found.get("edge_floor_m") else ""
+    floor = f"{found['floor_m']:.3f} m{edge} " + ("held" if good else "BROKEN")
     if found["runs"] > 1:
         floor += f" in {found['floor_held_runs']} of {found['runs']} runs"
     grid.add_row("safety floor", f"[{'green' if good else 'red'}]{floor}[/]")
@@ -75,8 +76,6 @@ def table(found: dict[str, Any]) -> Table:
 def _at_the_end(found: Mapping[str, Any]) -> str:
     """How close the body came to the edge where the lane ends, and who ran off; the first four of them."""
     said = f"{metres(found['min_edge_distance_m'])} left where the lane ends"
-    if floor := found["edge_floor_m"]:
-        said += f" (floor {metres(floor)})"
     off = [
         f"at {seconds(one['time_s'])} at {one['speed_mps']:.2f} m/s"
         + (f" (seed {one['seed']})" if found["runs"] > 1 else "")

@@ -32,7 +32,7 @@ def test_every_run_of_the_page_gets_the_verdict_it_says(words, verdict, why, tmp
         main(["run", *shlex.split(words), "--no-record", "--json"])
     found = json.loads(capsys.readouterr().out)
     assert found["verdict"] == verdict
-    for number in re.findall(r"'[^']+' broke at [\d.]+ s|hits vehicle_\d at [\d.]+ s|at [\d.]+ m/s", why):
+    for number in re.findall(r"'[^']+' broke at [\d.]+ s|hits vehicle_\d at [\d.]+ s|runs off the end of its lane at [\d.]+ s|at [\d.]+ m/s", why):
         assert number in found["reason"]
 
 
@@ -59,4 +59,5 @@ def test_the_table_of_hypotheses_is_that_of_their_declarations():
 def where(one):
     plants = {4: "everywhere", 3: "on wheels", 2: "where there are limits", 1: "where there are bodies"}
     whose = {Law: "", Parameters: ", of the paper's law", CbfQp: ", of `cbf_qp`"}[one.laws[0]]
-    return plants[len(one.plants)] + (", not in continuous time" if one.sampled else "") + whose
+    ends = ", where the ego's lane ends" if one.ends else ""
+    return plants[len(one.plants)] + (", not in continuous time" if one.sampled else "") + whose + ends
