@@ -45,7 +45,7 @@ def fields() -> str:
             "",
         ]
     tables += [
-        f"`{schema.SIGNAL_TOPIC}` holds `{schema.PACKAGE}.{schema.SIGNAL_MESSAGE}`, where the ego's lane ends:",
+        f"`{schema.SIGNAL_TOPIC}` holds `{schema.PACKAGE}.{schema.SIGNAL_MESSAGE}`; where a lane ends:",
         "",
         "| field | unit | frame | symbol | what it is |",
         "|---|---|---|---|---|",
@@ -77,7 +77,7 @@ def topics() -> str:
             "`/signals`",
             "`/signals`",
             "every tick",
-            "`SignalState`: what a law records of its own, and the end of a lane; the manifest says what each is",
+            "`SignalState`: of a law's own, and of the end of the lane; the manifest says what each is",
         ),
         ("`/tf`", "`/world/<car>/<body>`, ...", drawn, "poses of all that is drawn, in the world, float32"),
         (
@@ -93,7 +93,7 @@ def topics() -> str:
             "`/phases`",
             "`/phases/*`, `/hypotheses/*`",
             "as it changes",
-            "states: decision, safety, actuation, hypotheses; the road where the lane ends",
+            "states: decision, safety, actuation, hypotheses, end of the lane",
         ),
         (
             "attachments",

@@ -111,6 +111,12 @@ def test_a_law_that_keeps_off_the_road_for_no_reason_is_refuted(off):
     (verdict,) = judge(told)
     assert verdict.ran_off == judge(off)[0].ran_off
     assert verdict.verdict == REFUTED
+    end, edge = off.signals["end_distance_m"][0], off.edge_distance_m[0]
+    between = (end < 0.3) & (edge > 0.35) & (off.time_s < verdict.unsafe_at_s)
+    assert between.any()
+    misled = np.where(between[:, None], off.sensed_distance_m[0] + 0.1, off.sensed_distance_m[0])
+    (excused,) = judge(replace(told, sensed_distance_m=misled[None]))
+    assert (excused.verdict, excused.matters.hypothesis) == (BROKEN, "distances known")
 
 
 def test_without_an_end_nothing_is_said_of_one():
@@ -124,7 +130,7 @@ def test_without_an_end_nothing_is_said_of_one():
 
 
 def facing(law, told: bool, x_m: float = 0.0) -> np.ndarray:
-    """What a law asks of an ego alone before the end of its lane, once that has been so for a while, m/s^2."""
+    """What a law asks of an ego alone before the end of its lane, after a while of that, m/s^2."""
     front = np.array([[[x_m, 1.2], [8.0, 0.0], [-8.0, 0.0]]])
     still, v = np.zeros((1, 3)), np.tile([2.0, 0.0], (1, 3, 1))
     ramp = Ramp.of([load("ramp_blocked", ["road.ends_m=1.7", "initial.ego.front_m=[-0.85, 1.2]"])])

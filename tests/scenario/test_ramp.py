@@ -72,6 +72,22 @@ def test_what_is_left_to_the_edge_is_that_of_the_nearest_face(front, heading, le
     assert found[0] == pytest.approx(left_m, abs=1e-12)
 
 
+def test_a_car_that_turns_around_the_apex_is_as_far_from_it_as_its_side_is():
+    heading = -0.5
+    ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+    front = np.array([10.0, 0.6]) - left * (CAR.width_m / 2 + 0.05) + ahead * 0.1
+    found = ramp(taper_m=0.0).edge_distance_m(front[None], np.array([heading]))
+    assert found[0] == pytest.approx(0.05, abs=1e-12)
+
+
+def test_who_passes_the_end_at_the_margin_touches_the_edge_with_its_side():
+    of = ramp()
+    passing = np.array([[12.0, of.corner_m[0, 1] - R_M]])
+    found = of.columns(passing, np.zeros((1, 2)), np.zeros(1))
+    assert found[END_DISTANCE] == pytest.approx(0.0, abs=1e-12)
+    assert found[EDGE_DISTANCE] == pytest.approx(0.0, abs=1e-12)
+
+
 def test_a_point_has_no_heading_and_its_body_lies_along_the_road():
     front, turned = np.array([[9.0, 1.2]]), np.array([2.0])
     points = ramp(turns=False)
