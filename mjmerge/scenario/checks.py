@@ -14,6 +14,7 @@ from typing import Any
 
 from mjmerge.config.bounds import MOST_METRICS, MOST_ROWS, MOST_TICKS
 from mjmerge.drivers import ahead, ask, kinds
+from mjmerge.drivers.recorded import Recorded
 from mjmerge.errors import Problem, nearest
 from mjmerge.law import Law
 from mjmerge.law.asked import problems
@@ -194,6 +195,18 @@ def _drivers(drivers: Drivers) -> Iterator[Problem]:
             yield Problem(message, f"drivers.{car}.{key}")
 
 
+def _records(initial: Initial, drivers: Drivers, duration_s: float) -> Iterator[Problem]:
+    """Every record lasts as long as the run, and begins as its car does."""
+    there = {*roster().neighbours, *drivers.further}
+    for car in (c for c in initial.roster.neighbours if c in there):
+        driver = getattr(drivers, car)
+        if not isinstance(driver, Recorded) or any(driver.problems()):
+            continue
+        keys = {"duration": "duration_s", "speed": f"initial.{car}.speed_mps"}
+        for what, message in driver.fits(getattr(initial, car).speed_mps, duration_s):
+            yield Problem(f"{car}: {message}", keys[what])
+
+
 def _ahead(
     initial: Initial, law: Law, drivers: Drivers, sheets: Mapping[str, DataSheet]
 ) -> Iterator[Problem]:
@@ -272,6 +285,7 @@ _CHECKS = (
     _bodies,
     _ahead,
     _drivers,
+    _records,
     _metrics,
     _bounds,
     _gate,
