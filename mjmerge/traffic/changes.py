@@ -82,23 +82,22 @@ def lane_changes(traffic: Tracks) -> Iterator[Change | Skipped]:
 def _crossings(one: Track, traffic: Tracks) -> Iterator[tuple[str, str, int, int, bool]]:
     """Lanes left and entered, when, for how many time steps, and whether it comes back after a short stay."""
     there = np.flatnonzero(one.lane != OUTSIDE)
-    runs: list[tuple[str, int, int]] = []  # lane, first and last place in the track
+    runs: list[tuple[str, str, int, int]] = []  # piece of lane at first and at last, place in the track
     for i in there:
         name = str(one.lane[i])
-        if runs and (runs[-1][0] == name or goes_on(traffic.lanes, runs[-1][0], name)):
-            runs[-1] = (name, runs[-1][1], int(i))
+        if runs and (runs[-1][1] == name or goes_on(traffic.lanes, runs[-1][1], name)):
+            runs[-1] = (runs[-1][0], name, runs[-1][2], int(i))
         else:
-            runs.append((name, int(i), int(i)))
+            runs.append((name, name, int(i), int(i)))
     k = 1
     while k < len(runs):
-        (from_, *_), (to, start, end) = runs[k - 1], runs[k]
+        (_, from_, *_), (to, _, start, end) = runs[k - 1], runs[k]
         stay = end - start + 1
-        returns = k + 1 < len(runs) and (
-            runs[k + 1][0] == from_ or goes_on(traffic.lanes, from_, runs[k + 1][0])
-        )
-        if returns and stay * traffic.step_s < SHORTEST_STAY_S:
+        next_ = runs[k + 1] if k + 1 < len(runs) else None
+        returns = next_ is not None and (next_[0] == from_ or goes_on(traffic.lanes, from_, next_[0]))
+        if next_ is not None and returns and stay * traffic.step_s < SHORTEST_STAY_S:
             yield from_, to, int(one.step[start]), stay, True
-            runs[k - 1 : k + 2] = [(runs[k + 1][0], runs[k - 1][1], runs[k + 1][2])]
+            runs[k - 1 : k + 2] = [(runs[k - 1][0], next_[1], runs[k - 1][2], next_[3])]
             continue
         yield from_, to, int(one.step[start]), stay, False
         k += 1
@@ -156,9 +155,8 @@ def _seen(
     step_s = traffic.step_s
     first = max(int(one.step[0]), crossed - round(BEFORE_S / step_s))
     last = min(int(one.step[-1]), crossed + round(AFTER_S / step_s))
-    belong = np.zeros(last - first + 1, dtype=bool)
-    belong[:] = True
     steps = np.arange(first, last + 1)
+    belong = np.ones(len(steps), dtype=bool)
     for name in (leader, follower):
         other = traffic.tracks[name]
         seen = (steps >= other.step[0]) & (steps <= other.step[-1])
@@ -167,10 +165,9 @@ def _seen(
         belong &= seen & (np.isin(lane, [*along.lanes]) | (lane == OUTSIDE))
     own = one.lane[steps - one.step[0]]
     inside = np.isin(own, [*along.lanes])
-    belong &= np.where(steps < crossed, True, inside | (own == OUTSIDE))
-    start_y = way[:, 1]
-    side = np.sign(start_y[max(crossed - one.step[0] - 1, 0)])
-    belong &= np.where(steps < crossed, np.sign(start_y[steps - one.step[0]]) == side, True)
+    belong &= (steps < crossed) | inside | (own == OUTSIDE)
+    side = np.sign(way[:, 1])  # it comes from one side
+    belong &= (steps >= crossed) | (side[steps - one.step[0]] == side[crossed - one.step[0] - 1])
     at = crossed - first
     off = np.flatnonzero(~belong)
     before, after = off[off < at], off[off > at]
@@ -184,7 +181,7 @@ def _between(
     traffic: Tracks, three: tuple[str, str, str], first: int, last: int, along: Frame
 ) -> tuple[str, ...]:
     """Who else is in the new lane between leader and follower at some time."""
-    one, leader, follower = (traffic.tracks[name] for name in three)
+    leader, follower = (traffic.tracks[name] for name in three[1:])
     found = []
     for other in traffic.tracks.values():
         if other.id in three:
@@ -196,5 +193,4 @@ def _between(
         x, x_1, x_2 = (along.place(car.at(steps))[:, 0] for car in (other, leader, follower))
         if ((x_2 < x) & (x < x_1)).any():
             found.append(other.id)
-    del one
     return tuple(found)

@@ -16,6 +16,9 @@ from mjmerge.state import Array
 
 PLAUSIBLE_MPS2 = 5.0
 """Accelerations that a smoothed track may have: everyday driving stays below, measured positions do not."""
+JERKY_MPS3 = 15.0
+"""And jerks: the bound of V. Punzo, M. T. Borzacchiello, B. Ciuffo, "On the assessment of vehicle trajectory
+data accuracy", Transportation Research C 19 (2011)."""
 SMOOTH_M = 1e-3
 """Positions that are off a local parabola by no more than this need no smoothing."""
 LONGEST_S = 3.1
@@ -33,6 +36,7 @@ class Smoothed:
         most_m: how far the furthest position was moved.
         rms_m: how far they were moved, root of the mean square.
         acceleration_mps2: the largest that is left, by second differences.
+        jerk_mps3: likewise, by third differences.
     """
 
     centre_m: Array
@@ -40,11 +44,12 @@ class Smoothed:
     most_m: float
     rms_m: float
     acceleration_mps2: float
+    jerk_mps3: float
 
     @property
     def plausible(self) -> bool:
-        """Whether a car can drive it."""
-        return self.acceleration_mps2 <= PLAUSIBLE_MPS2
+        """Whether a car drives like that."""
+        return self.acceleration_mps2 <= PLAUSIBLE_MPS2 and self.jerk_mps3 <= JERKY_MPS3
 
 
 def smoothed(centre_m: Array, step_s: float, window_s: float | None = None) -> Smoothed:
@@ -53,8 +58,8 @@ def smoothed(centre_m: Array, step_s: float, window_s: float | None = None) -> S
     Args:
         centre_m: measured, (T, 2).
         step_s: time between two of them, s.
-        window_s: over how long; 0 not at all; ``None`` over the shortest window that leaves accelerations of at
-            most ``PLAUSIBLE_MPS2``, or the longest, and not at all where they are smooth as they are.
+        window_s: over how long; 0 not at all; ``None`` over the shortest window that leaves what a car can
+            do, or the longest, and not at all where they are smooth as they are.
     """
     if window_s is not None:
         half = round(window_s / step_s) // 2
@@ -78,13 +83,14 @@ def _over(centre_m: Array, step_s: float, points: int) -> Smoothed:
     else:
         after = _fitted(centre_m, points)
     moved_m = np.hypot(*(after - centre_m).T)
-    a = np.hypot(*np.diff(after, 2, axis=0).T) / step_s**2
+    a, j = (np.hypot(*np.diff(after, order, axis=0).T) / step_s**order for order in (2, 3))
     return Smoothed(
         after,
         points * step_s,
         float(moved_m.max()),
         float(np.sqrt((moved_m**2).mean())),
         float(a.max(initial=0.0)),
+        float(j.max(initial=0.0)),
     )
 
 

@@ -301,7 +301,7 @@ def biased(tracks: Sequence[Track], step_s: float) -> list[str]:
             f"speeds in the file, less those of its positions: median {np.median(speeds):+.2f} m/s, 95 % within "
             f"{np.quantile(np.abs(speeds), 0.95):.2f} m/s; positions are used"
         )
-    if clipped > 0.01 * states:
+    if clipped > max(0.01 * states, 10) and every.max() > 1:
         found.append(
             f"accelerations in the file are clipped at {every.max():.2f} m/s^2 ({clipped} of {states} states); "
             "positions are used"

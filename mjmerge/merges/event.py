@@ -1,0 +1,185 @@
+"""A lane change as three cars on a straight road: where their front axles were, and what they are."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.load import load
+from mjmerge.state import Array
+from mjmerge.traffic.changes import Change, Skipped
+from mjmerge.traffic.smooth import Smoothed, smoothed
+from mjmerge.traffic.tracks import Tracks
+
+LIKE = "highway"
+"""The shipped scenario whose law is taken, at the size of the cars."""
+MODELS = ("sedan", "van")
+"""Full-size cars that ship."""
+STARTS_APART = 0.02
+"""Of r: the least d_j(0)."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A lane change in the road frame of its new lane: x along it from where the leader starts, y to its left.
+
+    Arrays have the order ego, leader, follower; the ego is the human who changed lanes.
+
+    Attributes:
+        change: where it comes from.
+        name: of a file.
+        from_s: the time in the file at which it begins.
+        crossed_s: when the human's centre is in the new lane, from there.
+        time_s: from 0, (T,).
+        front_m: front axles, (T, 3, 2), smoothed; y of leader and follower are as they were.
+        length_m: of each car, (3,).
+        width_m: likewise, (3,).
+        overhang_m: from the front axle to the nose, (3,).
+        models: the car model that is nearest in length, of each.
+        r_m: the margin of the law at that size.
+        lane_m: width of the new lane.
+        smoothing: what was done to each, three of them.
+        mirrored: whether left and right changed places: the ego always comes from the left.
+        tightened: what was done to the follower, in words; empty where nothing was.
+        step: how far that is towards the least gap, 0 to 1.
+    """
+
+    change: Change
+    name: str
+    from_s: float
+    crossed_s: float
+    time_s: Array
+    front_m: Array
+    length_m: tuple[float, float, float]
+    width_m: tuple[float, float, float]
+    overhang_m: tuple[float, float, float]
+    models: tuple[str, str, str]
+    r_m: float
+    lane_m: float
+    smoothing: tuple[Smoothed, Smoothed, Smoothed]
+    mirrored: bool
+    tightened: str = ""
+    step: float = 0.0
+
+    @property
+    def gap_m(self) -> Array:
+        """Between the front axles of leader and follower along the lane, (T,)."""
+        found: Array = self.front_m[:, 1, 0] - self.front_m[:, 2, 0]
+        return found
+
+    @property
+    def smoothing_m(self) -> float:
+        """How far smoothing moved a position, at most."""
+        return max(one.most_m for one in self.smoothing)
+
+    @property
+    def breaks(self) -> str:
+        """How the record breaks Assumption 1, in words; empty where it does not."""
+        least = int(np.argmin(self.gap_m))
+        if self.gap_m[least] > 2 * self.r_m:
+            return ""
+        return f"the gap is {self.gap_m[least]:.2f} m at {self.time_s[least]:.1f} s; 2r is {2 * self.r_m:.2f} m"
+
+
+def event(traffic: Tracks, change: Change) -> Event | Skipped:
+    """A lane change as three cars on a straight road, from the first time at which the law may begin.
+
+    Args:
+        traffic: the file.
+        change: one of its lane changes.
+    """
+    step_s = traffic.step_s
+    tracks = [traffic.tracks[name] for name in change.three]
+    models = tuple(_model(one.length_m) for one in tracks)
+    overhang_m = tuple(_overhang_m(name, one.length_m) for name, one in zip(models, tracks, strict=True))
+    length_m, width_m = tuple(one.length_m for one in tracks), tuple(one.width_m for one in tracks)
+    r_m = margin_m(length_m, overhang_m)
+    smoothing = tuple(smoothed(one.centre_m, step_s) for one in tracks)
+    steps = np.arange(change.first, change.last + 1)
+    ways = []
+    for one, smooth, ahead_m in zip(tracks, smoothing, overhang_m, strict=True):
+        way = change.frame.place(smooth.centre_m[steps - one.step[0]])
+        way[:, 0] += one.length_m / 2 - ahead_m  # from the centre to the front axle
+        ways.append(way)
+    front_m = np.stack(ways, axis=1)
+    mirrored = bool(front_m[change.crossed - change.first - 1, 0, 1] < 0)
+    if mirrored:
+        front_m[..., 1] *= -1
+    start = _start(front_m, r_m, change.crossed - change.first)
+    id_ = f"car {change.car} at {change.crossed * step_s:.1f} s"
+    if isinstance(start, str):
+        return Skipped(id_, start)
+    front_m = front_m[start:]
+    front_m[..., 0] -= front_m[0, 1, 0]
+    front_m[:, 1:, 0] = np.maximum.accumulate(front_m[:, 1:, 0], axis=0)  # nobody rolls back
+    from_ = change.first + start
+    lane = traffic.lanes[change.to_lane]
+    return Event(
+        change=change,
+        name=f"car-{_slug(change.car)}-{change.crossed * step_s:.1f}s",
+        from_s=from_ * step_s,
+        crossed_s=(change.crossed - from_) * step_s,
+        time_s=np.round(np.arange(len(front_m)) * step_s, 9),
+        front_m=front_m,
+        length_m=length_m,  # type: ignore[arg-type]  # three of each
+        width_m=width_m,  # type: ignore[arg-type]
+        overhang_m=overhang_m,  # type: ignore[arg-type]
+        models=models,  # type: ignore[arg-type]
+        r_m=r_m,
+        lane_m=float(np.median(np.hypot(*(lane.left_m - lane.right_m).T))),
+        smoothing=smoothing,  # type: ignore[arg-type]
+        mirrored=mirrored,
+    )
+
+
+def margin_m(length_m: tuple[float, ...], overhang_m: tuple[float, ...]) -> float:
+    """The margin r: so much more than the reach of bodies in one lane as in the shipped scenario.
+
+    Args:
+        length_m: of ego, leader and follower.
+        overhang_m: likewise.
+    """
+    own = load(LIKE)
+    reach_m = max(
+        length_m[1] - overhang_m[1] + overhang_m[0],  # the ego behind the leader
+        length_m[0] - overhang_m[0] + overhang_m[2],  # the follower behind the ego
+    )
+    return own.r_m / data_sheet(MODELS[0]).length_m * reach_m
+
+
+def _start(front_m: Array, r_m: float, crossed: int) -> int | str:
+    """The first place before the crossing where the law's own hypotheses hold, or why there is none."""
+    d_m = np.hypot(*np.moveaxis(front_m[:crossed, :1] - front_m[:crossed, 1:], -1, 0)) - r_m  # (T, 2)
+    gap_m = front_m[:crossed, 1, 0] - front_m[:crossed, 2, 0]
+    apart = d_m.min(axis=1) >= STARTS_APART * r_m
+    wide = gap_m > 2 * (1 + STARTS_APART) * r_m
+    good = np.flatnonzero(apart & wide)
+    if len(good):
+        return int(good[0])
+    if not wide.any():
+        return (
+            f"the gap is {gap_m.max():.2f} m at most before it, front axle to front axle; the law needs more than "
+            f"2r = {2 * r_m:.2f} m to begin"
+        )
+    return (
+        f"it is never {(1 + STARTS_APART) * r_m:.2f} m from both, front axle to front axle, before it crosses: "
+        f"d_j is {d_m.min(axis=1).max():.2f} m at best, and the law needs it positive"
+    )
+
+
+def _model(length_m: float) -> str:
+    """The shipped full-size model that is nearest in length."""
+    return min(MODELS, key=lambda name: abs(data_sheet(name).length_m - length_m))
+
+
+def _overhang_m(model: str, length_m: float) -> float:
+    """From the front axle to the nose, in the model's proportion."""
+    sheet = data_sheet(model)
+    return sheet.front_overhang_m / sheet.length_m * length_m
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", text)[:40] or "_"
