@@ -17,7 +17,6 @@ BEFORE_S, AFTER_S = 10.0, 20.0
 """Of a lane change, how much is used at most, before the crossing and after it."""
 LEAST_BEFORE_S, LEAST_AFTER_S = 1.0, 1.0
 """And at least."""
-FOUR_WHEELS = ("car", "truck", "bus", "van", "taxi", "priorityVehicle", "constructionVehicle", "parkedVehicle")
 NOT_FOUR_WHEELS = ("pedestrian", "bicycle", "motorcycle", "train")
 
 
