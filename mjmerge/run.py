@@ -185,7 +185,7 @@ def run(
         found["real_time_factor"] = float(ends_s(trace).sum()) / wall_s
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
-        found |= _ground(scenario, plant, continuous)
+        found |= _ground(scenario, plant, found, continuous)
         found["distinct_runs"] = runs if random(scenario, plant, continuous=continuous) else 1
         why, unexplained = _why(trace) if explain else (None, [])
         for receiver in (recording, viewer):
@@ -233,10 +233,10 @@ def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
     return {c.model: {"state": c.state, "failed": list(c.failed), "versions": dict(c.versions)} for c in cars}
 
 
-def _ground(scenario: Scenario, plant: str, continuous: bool) -> dict[str, Any]:
+def _ground(scenario: Scenario, plant: str, found: Mapping[str, Any], continuous: bool) -> dict[str, Any]:
     """The part of the summary that says what its verdict stands on: the cars, and what is without effect."""
     known = _provenance(_accepted(scenario, plant))
-    return ground(scenario, plant, known, continuous=continuous)
+    return ground(scenario, plant, known, found, continuous=continuous)
 
 
 def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous: bool) -> Header:
@@ -316,7 +316,7 @@ def _record_again(
         )
         (verdict,) = judge(alone)
         found = summary(alone, [verdict], own.measured(alone))
-        found |= _ground(scenario, trace.plant, trace.continuous) | {"distinct_runs": 1}
+        found |= _ground(scenario, trace.plant, found, trace.continuous) | {"distinct_runs": 1}
         recording.close(_outcome(alone, verdict, found, why))
     return recording.failures
 

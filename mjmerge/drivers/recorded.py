@@ -16,7 +16,7 @@ from mjmerge.config.bounds import LONGEST_S
 from mjmerge.drivers.base import FASTEST_MPS, Along, Driver
 from mjmerge.state import Array, Mask
 
-MOST_POINTS = 10_000
+MOST_POINTS = 5_000
 """Points of a record."""
 CLOSEST_S = 1e-6
 """Between two points of a record there is more time than this, s."""
@@ -116,11 +116,10 @@ class Recorded(Driver):
     can_lead: ClassVar[bool] = True
 
     kind: Literal["recorded"] = "recorded"
-    time_s: Annotated[tuple[Times, ...], Field(strict=False, min_length=2, max_length=MOST_POINTS)]
-    """Times of the points, s: from 0, increasing, to the end of the run or beyond."""
-    travelled_m: Annotated[tuple[Points, ...], Field(strict=False, min_length=2, max_length=MOST_POINTS)]
-    """How far the front axle has come along its lane since t = 0, at each of these times, m; from 0, never
-    back."""
+    time_s: Annotated[tuple[Times, ...], Field(strict=False, max_length=MOST_POINTS)]
+    """Times of its points, s: from 0, to the end of the run or beyond."""
+    travelled_m: Annotated[tuple[Points, ...], Field(strict=False, max_length=MOST_POINTS)]
+    """How far its front axle has come along its lane at each of these times, m: from 0, never back."""
     source: Annotated[str, Field(max_length=1000)] = ""
     """Where the record comes from, in words."""
     bandwidth_radps: float = Field(default=2.0, gt=0)
@@ -131,6 +130,11 @@ class Recorded(Driver):
         time_s, x_m = self.time_s, self.travelled_m
         if len(time_s) != len(x_m):
             yield "travelled_m", f"must have as many points as time_s ({len(time_s)}), got {len(x_m)}"
+        few = [(key, len(of)) for key, of in (("time_s", time_s), ("travelled_m", x_m)) if len(of) < 2]
+        for key, points in few:
+            yield key, f"must have two points or more, got {points}"
+        if few:
+            return
         for key, first in (("time_s", time_s[0]), ("travelled_m", x_m[0])):
             if first != 0:
                 yield f"{key}.0", f"must begin with 0, got {first}"
