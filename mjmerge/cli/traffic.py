@@ -23,9 +23,9 @@ MOST_STEPS = 20
 class Traffic:
     """Make scenarios of the lane changes in recorded traffic, and put the law beside the human.
 
-    Each lane change in which leader and follower are seen becomes a scenario: the law is where the human was,
-    the others drive as they were recorded. It is run once, and judged. Exit code 0: the file was read, whatever
-    the verdicts; 2: bad input; 3: a simulation failed.
+    Each lane change in which leader and follower are seen becomes a scenario: the law is where the human
+    was, the others drive as they were recorded. It is run once, and judged. Exit code 0: the file was read,
+    whatever the verdicts; 2: bad input; 3: a simulation failed.
     """
 
     file: Annotated[Path, tyro.conf.Positional]
@@ -48,10 +48,10 @@ class Traffic:
         from rich.table import Table
 
         from mjmerge.cli.places import traffic_folder
+        from mjmerge.errors import UnknownNameError
         from mjmerge.merges.judged import as_json, merges
         from mjmerge.merges.report import FILES, sentence, write
         from mjmerge.outputs import prepare
-        from mjmerge.errors import UnknownNameError
         from mjmerge.roster import PLANTS
         from mjmerge.traffic.read import read
 
@@ -71,12 +71,16 @@ class Traffic:
             print(json.dumps(as_json(found, str(folder))))
             return 3 if failed else 0
         console = Console(highlight=False)
-        console.print(f"{bold(self.file.name)} on {plain(self.plant)}: {plain(sentence(found))}", soft_wrap=True)
+        console.print(
+            f"{bold(self.file.name)} on {plain(self.plant)}: {plain(sentence(found))}", soft_wrap=True
+        )
         grid = Table(box=None, pad_edge=False)
         for head in ("scenario", "Assumption 1", "verdict", "human d_1, d_2", "law d_1, d_2"):
             grid.add_column(head, overflow="fold")
         for one in found.merges:
-            least = [f"{m.leader.distance_m:.2f}, {m.follower.distance_m:.2f} m" for m in (one.human, one.law)]
+            least = [
+                f"{m.leader.distance_m:.2f}, {m.follower.distance_m:.2f} m" for m in (one.human, one.law)
+            ]
             kept = "broken" if one.event.breaks else "kept"
             grid.add_row(plain(one.event.name), kept, one.verdict.verdict, *least)
         if found.merges:

@@ -24,7 +24,7 @@ STARTS_APART = 0.02
 
 @dataclass(frozen=True)
 class Event:
-    """A lane change in the road frame of its new lane: x along it from where the leader starts, y to its left.
+    """A lane change in the frame of its new lane: x along it from where the leader starts, y to its left.
 
     Arrays have the order ego, leader, follower; the ego is the human who changed lanes.
 
@@ -81,7 +81,9 @@ class Event:
         least = int(np.argmin(self.gap_m))
         if self.gap_m[least] > 2 * self.r_m:
             return ""
-        return f"the gap is {self.gap_m[least]:.2f} m at {self.time_s[least]:.1f} s; 2r is {2 * self.r_m:.2f} m"
+        return (
+            f"the gap is {self.gap_m[least]:.2f} m at {self.time_s[least]:.1f} s; 2r is {2 * self.r_m:.2f} m"
+        )
 
 
 def event(traffic: Tracks, change: Change) -> Event | Skipped:
@@ -161,12 +163,13 @@ def _start(front_m: Array, r_m: float, crossed: int) -> int | str:
         return int(good[0])
     if not wide.any():
         return (
-            f"the gap is {gap_m.max():.2f} m at most before it, front axle to front axle; the law needs more than "
-            f"2r = {2 * r_m:.2f} m to begin"
+            f"the gap is {gap_m.max():.2f} m at most before it, front axle to front axle; to begin, the law "
+            f"needs more than 2r = {2 * r_m:.2f} m"
         )
+    best_m = d_m.min(axis=1).max()
     return (
-        f"it is never {(1 + STARTS_APART) * r_m:.2f} m from both, front axle to front axle, before it crosses: "
-        f"d_j is {d_m.min(axis=1).max():.2f} m at best, and the law needs it positive"
+        f"it is too near to one of them until it crosses, front axle to front axle: d_j is {best_m:.2f} m at "
+        f"best, and to begin, the law needs {STARTS_APART * r_m:.2f} m"
     )
 
 

@@ -85,7 +85,9 @@ def merges(
         while one.name in names:
             one = replace(one, name=f"{one.name}_")
         names.add(one.name)
-        human = margins(one.time_s, one.front_m, one.length_m, one.width_m, one.overhang_m, one.r_m, one.lane_m)
+        human = margins(
+            one.time_s, one.front_m, one.length_m, one.width_m, one.overhang_m, one.r_m, one.lane_m
+        )
         for version in (one, *tightened(one, steps)):
             keys = scenario(version, traffic)
             try:

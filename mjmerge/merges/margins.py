@@ -25,8 +25,8 @@ class Pair:
 
     Attributes:
         distance_m: least d_j, of front axles, less r.
-        bumper_m: least distance between bumpers along the lane; ``None`` where the bodies never overlap across
-            it. Likewise the others.
+        bumper_m: least distance between bumpers along the lane; ``None`` where the bodies never overlap
+            across it. Likewise the others.
         time_gap_s: least time gap of the rear car to the front one.
         ttc_s: least time to collision; ``None`` too where they never close in.
     """
@@ -107,7 +107,9 @@ def margins(
                 _least(ttc_s, closes),
             )
         )
-    return Margins(pairs[0], pairs[1], entered_s(time_s, front_m[:, 0, 1], lane_m), _peak(time_s, front_m[:, 0]))
+    return Margins(
+        pairs[0], pairs[1], entered_s(time_s, front_m[:, 0, 1], lane_m), _peak(time_s, front_m[:, 0])
+    )
 
 
 def entered_s(time_s: Array, y_m: Array, lane_m: float) -> float | None:

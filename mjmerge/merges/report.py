@@ -1,4 +1,4 @@
-"""What a person gets from a file of traffic: scenarios, a report with the law beside the human, and figures."""
+"""What a person gets from a file of traffic: scenarios, figures, and a report of the law beside the human."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def lines(found: Merges) -> Iterator[str]:
     yield f"{found.traffic.format}, a state every {found.traffic.step_s:g} s. {sentence(found)}."
     yield ""
     yield (
-        f"In each the law takes the place of the human, on {found.plant}. Leader and follower drive as they were "
-        "recorded: the follower may have made room for the human, and does not see the law. Whoever else was "
-        "there is left out."
+        f"In each the law takes the place of the human, on {found.plant}. Leader and follower drive as they "
+        "were recorded: the follower may have made room for the human, and does not see the law. All others "
+        "are left out."
     )
     yield ""
     if found.merges:
@@ -137,8 +137,8 @@ def _plain(text: str) -> str:
 def figure(one: Merge) -> Figure:
     """The lane change over time, of human and law: along the lane, across it, speeds and distances.
 
-    Along the lane, positions are those that a car of the leader's mean speed would see; the neighbours' bodies
-    are filled, and so is what r adds around their front axles.
+    Along the lane, positions are those that a car of the leader's mean speed would see; bodies are filled,
+    lines are front axles.
     """
     what, trace = one.event, one.trace
     drawn, (along, across, speed, distance) = sheet((2.2, 1, 1, 1.2), 10.5)
@@ -182,4 +182,3 @@ def figure(one: Merge) -> Figure:
 def _speed(time_s: Array, at_m: Array) -> Array:
     found: Array = np.gradient(at_m[:, 0], time_s)
     return found
-

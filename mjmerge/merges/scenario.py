@@ -11,7 +11,6 @@ import numpy as np
 from mjmerge.config.units import rescaled
 from mjmerge.drivers.recorded import curve
 from mjmerge.merges.event import LIKE, Event
-from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.load import load
 from mjmerge.traffic.tracks import Tracks
 
@@ -23,9 +22,9 @@ _LAW = ("k_p", "k_v", "k_o", "k_mu", "k", "k_s", "eps", "eps_1", "r_m", "r_rho_m
 def scenario(event: Event, traffic: Tracks) -> dict[str, Any]:
     """The keys of the scenario of an event, as they are written.
 
-    Gains are those of the shipped scenario by similarity: lengths times s, times times sqrt(s), where s is the
-    margin r at these cars' size over its own. They are about motion relative to the leader: the speed of the
-    road enters by the start alone.
+    Gains are those of the shipped scenario by similarity: lengths times s, times times sqrt(s), where s is
+    the margin r at these cars' size over its own. They are about motion relative to the leader: the speed of
+    the road enters by the start alone.
 
     Args:
         event: what happened.

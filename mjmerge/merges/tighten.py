@@ -62,7 +62,9 @@ def moved(event: Event, shift_m: float, factor: float, step: float) -> Event:
     front_m = event.front_m.copy()
     start = front_m[0, 2, 0]
     front_m[:, 2, 0] = start + shift_m + factor * (front_m[:, 2, 0] - start)
-    said = [f"starts {abs(shift_m):.2f} m further {'ahead' if shift_m > 0 else 'back'}"] * (abs(shift_m) > 5e-3)
+    said = [f"starts {abs(shift_m):.2f} m further {'ahead' if shift_m > 0 else 'back'}"] * (
+        abs(shift_m) > 5e-3
+    )
     said += [f"drives {factor:.3f} times as fast"] * (factor - 1 > 5e-4)
     if not said:
         said = ["is where it was: nothing nearer is allowed"]

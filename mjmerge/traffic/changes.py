@@ -116,10 +116,11 @@ def _change(
     ahead: list[tuple[float, str]] = []
     behind: list[tuple[float, str]] = []
     for other in traffic.tracks.values():
-        if other.id != one.id and other.sees(crossed, crossed):
-            if other.lane[crossed - other.step[0]] in along.lanes:
-                apart = along.place(other.at(np.array([crossed])))[0, 0] - way[here, 0]
-                (ahead if apart > 0 else behind).append((abs(float(apart)), other.id))
+        if other.id == one.id or not other.sees(crossed, crossed):
+            continue
+        if other.lane[crossed - other.step[0]] in along.lanes:
+            apart = along.place(other.at(np.array([crossed])))[0, 0] - way[here, 0]
+            (ahead if apart > 0 else behind).append((abs(float(apart)), other.id))
     for side, word in ((ahead, "leader"), (behind, "follower")):
         if not side:
             return Skipped(id_, f"no {word} is seen in lane {to} when it is entered")
@@ -142,9 +143,7 @@ def _change(
         if other.id not in (one.id, leader, follower)
     )
     between = _between(traffic, (one.id, leader, follower), first, last, along)
-    return Change(
-        one.id, from_, to, crossed, first, last, leader, follower, along, int(others), between
-    )
+    return Change(one.id, from_, to, crossed, first, last, leader, follower, along, int(others), between)
 
 
 def _seen(

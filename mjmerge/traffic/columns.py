@@ -18,15 +18,15 @@ from mjmerge.config.read import file_of, raise_problems, validated
 from mjmerge.config.read import read as read_document
 from mjmerge.errors import Problem, ScenarioError, nearest
 from mjmerge.state import Array
+from mjmerge.traffic.plausible import biased, doubts_of_units
 from mjmerge.traffic.tracks import (
     LONGEST_HOLE_S,
+    ONE_STATE,
     OUTSIDE,
     Lane,
     Track,
     Tracks,
     Unused,
-    biased,
-    doubts_of_units,
     read_bytes,
     refuse,
     track,
@@ -64,8 +64,8 @@ class Columns(Frozen):
     unit_m: Positive
     """Metres in one of its units of length."""
     reference: Literal["centre", "front", "rear", "corner"]
-    """Which point of the rectangle is given: its centre, the middle of its front or of its rear as it drives, or
-    the corner where both columns are least."""
+    """Which point of the rectangle is given: its centre, the middle of its front or of its rear as it drives,
+    or the corner where both columns are least."""
     length: str
     """Column of its length."""
     width: str
@@ -189,7 +189,9 @@ def _table(path: Path, data: bytes, columns: Columns, header: Mapping[str, str])
             ),
         )
     except (pa.ArrowInvalid, pa.ArrowKeyError) as error:
-        raise ScenarioError(path, [Problem(f"not a whole table: {str(error).splitlines()[0][:200]}")]) from error
+        raise ScenarioError(
+            path, [Problem(f"not a whole table: {str(error).splitlines()[0][:200]}")]
+        ) from error
     if not read.num_rows:
         refuse(path, [Problem("has no rows below its header")])
     texts = {columns.id, columns.lane, columns.kind, columns.place}
@@ -220,7 +222,9 @@ def _numbers(column: pa.ChunkedArray, name: str) -> tuple[Array, list[Problem]]:
         wrong = np.flatnonzero(~good)
         more = f" (and on {len(wrong) - 1} more lines)" if len(wrong) > 1 else ""
         return np.zeros(0), [
-            Problem(f"must be a number, got {column[int(wrong[0])].as_py()[:40]!r}{more}", name, int(wrong[0]) + 2)
+            Problem(
+                f"must be a number, got {column[int(wrong[0])].as_py()[:40]!r}{more}", name, int(wrong[0]) + 2
+            )
         ]
     values: Array = pc.cast(pc.utf8_trim_whitespace(column), "double").to_numpy()
     if not np.isfinite(values).all():
@@ -229,11 +233,10 @@ def _numbers(column: pa.ChunkedArray, name: str) -> tuple[Array, list[Problem]]:
 
 
 def _tracks(path: Path, columns: Columns, called: str, table: Mapping[str, Any]) -> Tracks:
-    if columns.place in table:
-        places = np.unique(table[columns.place])
-        if len(places) > 1:
-            said = ", ".join(map(str, places[:5]))
-            refuse(path, [Problem(f"has several places ({said}); cut it to one", columns.place or "")])
+    places = np.unique(table.get(columns.place or "", np.array([])))
+    if len(places) > 1:
+        said = ", ".join(map(str, places[:5]))
+        refuse(path, [Problem(f"has several places ({said}); cut it to one", columns.place or "")])
     step_s = columns.step_s or columns.time_s
     time = table[columns.time]
     exact = (time - time.min()) * (columns.time_s / step_s)
@@ -243,34 +246,36 @@ def _tracks(path: Path, columns: Columns, called: str, table: Mapping[str, Any])
         message = f"is no whole number of steps of {step_s:g} s after the first: is step_s right?"
         refuse(path, [Problem(message, columns.time, int(off[0]) + 2)])
     users = list(_users(columns, table, step, step_s))
-    notes, problems, found, unused = [], [], {}, []
-    split = sum("#" in one.id for one in users)
+    notes: list[str] = []
+    problems: list[Problem] = []
+    found: dict[str, Track] = {}
+    unused: list[Unused] = []
+    split = len(users) - len(np.unique(table[columns.id]))
     if split:
-        notes.append(f"{split} road users have a name that was used before, {LONGEST_HOLE_S} s or more: told apart")
+        notes.append(
+            f"{split} road users have a name that was used before, {LONGEST_HOLE_S} s or more: told apart"
+        )
     for given in users:
-        one, said, wrong = track(given, step_s, f"road user {given.id}")
-        notes += said
-        problems += wrong
+        one = track(given, step_s, f"road user {given.id}", notes, problems)
         if isinstance(one, Unused):
             unused.append(one)
         else:
             found[one.id] = one
-    alone = [one for one in unused if one.why == "one state"]  # common in a table that was cut
-    problems = [one for one in problems if "one state" not in one.message or not found]
+    alone = [one for one in unused if one.why == ONE_STATE]  # common in a table that was cut
+    problems = [one for one in problems if one.message != ONE_STATE or not found]
     notes += [f"{len(alone)} road users are seen once only"] * bool(alone)
     problems += doubts_of_units(list(found.values()), step_s)
     refuse(path, problems)
     lanes, more = _lanes(path, list(found.values()))
-    words = f"table, columns as {called}"
     every = (*notes, *more, *biased(list(found.values()), step_s))
-    return Tracks(path, words, step_s, found, lanes, tuple(unused), every)
+    return Tracks(path, f"table, columns as {called}", step_s, found, lanes, tuple(unused), every)
 
 
 def _users(columns: Columns, table: Mapping[str, Any], step: Any, step_s: float) -> Iterator[Track]:
     """Every road user, with its rows in order of time; one name for two is told apart."""
     ids = table[columns.id]
     order = np.lexsort((step, ids))
-    change = np.flatnonzero((ids[order][1:] != ids[order][:-1])) + 1
+    change = np.flatnonzero(ids[order][1:] != ids[order][:-1]) + 1
     u, side = columns.unit_m, 1.0 if columns.across_to == "left" else -1.0
     nothing = np.full(len(ids), np.nan)
     speed = table.get(columns.speed or "", nothing)
@@ -288,8 +293,11 @@ def _users(columns: Columns, table: Mapping[str, Any], step: Any, step_s: float)
                     x = x + ahead * length / 2
                 case "corner":
                     x, y = x + length / 2, y + width / 2
-            lane = np.where(np.isin(table[columns.lane][own], ("", "0", "nan")), OUTSIDE, table[columns.lane][own])
-            kind = str(table[columns.kind][own[0]]) if columns.kind in table else "vehicle"
+            lane = np.where(
+                np.isin(table[columns.lane][own], ("", "0", "nan")), OUTSIDE, table[columns.lane][own]
+            )
+            kinds = table.get(columns.kind or "")
+            kind = "vehicle" if kinds is None else str(kinds[own[0]])
             yield Track(
                 id=f"{ids[own[0]]}{f'#{part + 1}' if part else ''}",
                 kind=columns.kinds.get(kind, kind if not columns.kinds else "vehicle"),
@@ -305,7 +313,7 @@ def _users(columns: Columns, table: Mapping[str, Any], step: Any, step_s: float)
 
 
 def _lanes(path: Path, tracks: list[Track]) -> tuple[dict[str, Lane], list[str]]:
-    """Straight lanes: the middle of one is the median of the positions in it, its edges half-way to the next."""
+    """Straight lanes: the middle is the median of the positions in one, edges are half-way to the next."""
     if not tracks:
         return {}, []
     lane = np.concatenate([one.lane for one in tracks])
@@ -327,4 +335,3 @@ def _lanes(path: Path, tracks: list[Track]) -> tuple[dict[str, Lane], list[str]]
         most = max(most, float(np.quantile(np.abs(centre[lane == name, 1] - middle[name]), 0.95)))
     note = f"lanes of a table are straight, through the medians of what is in them: 95 % within {most:.2f} m"
     return found, [note] if names else []
-

@@ -16,13 +16,12 @@ import numpy as np
 from mjmerge.errors import Problem, ScenarioError, nearest
 from mjmerge.state import Array
 from mjmerge.traffic.lanes import located
+from mjmerge.traffic.plausible import biased, doubts_of_units
 from mjmerge.traffic.tracks import (
     Lane,
     Track,
     Tracks,
     Unused,
-    biased,
-    doubts_of_units,
     read_bytes,
     refuse,
     track,
@@ -61,9 +60,7 @@ def read_commonroad(path: Path) -> Tracks:
         elif element.tag == _MOVING:
             one = reader.obstacle(element)
             if isinstance(one, Track):
-                one, notes, problems = track(one, step_s, f"{_MOVING} {one.id}")
-                reader.notes += notes
-                reader.problems += problems
+                one = track(one, step_s, f"{_MOVING} {one.id}", reader.notes, reader.problems)
             if isinstance(one, Unused):
                 unused.append(one)
             elif one is not None:
@@ -74,8 +71,8 @@ def read_commonroad(path: Path) -> Tracks:
     refuse(path, reader.problems)
     lanes = _joined(lanes, reader.notes)
     placed = {one.id: replace(one, lane=located(one.centre_m, lanes)) for one in found.values()}
-    notes = (*reader.notes, *biased(list(found.values()), step_s))
-    return Tracks(path, f"CommonRoad {VERSION}", step_s, placed, lanes, tuple(unused), notes)
+    every = (*reader.notes, *biased(list(found.values()), step_s))
+    return Tracks(path, f"CommonRoad {VERSION}", step_s, placed, lanes, tuple(unused), every)
 
 
 def _root(path: Path, data: bytes) -> Any:
@@ -177,14 +174,18 @@ class _Reader:
         if element.find("trajectory") is None and element.find("occupancySet") is None:
             self._wrong(element, where, "has no trajectory: one state at most; a track has at least two")
         if element.find("occupancySet") is not None:
-            return Unused(id_ or "?", "is given by areas that it may be in, not by positions", element.sourceline)
+            return Unused(
+                id_ or "?", "is given by areas that it may be in, not by positions", element.sourceline
+            )
         states = [one for one in elements if one is not None]
         self._states += len(states)
         if self._states > MOST_STATES:
             if self._states - len(states) <= MOST_STATES:
                 self._wrong(element, where, f"the file has more than {MOST_STATES} states; cut it")
             return None
-        areas = [one for one in states if one.find("position/point") is None and one.find("position") is not None]
+        areas = [
+            one for one in states if one.find("position/point") is None and one.find("position") is not None
+        ]
         if areas:
             return Unused(id_ or "?", "its position is an area, not a point", areas[0].sourceline)
         step = [self._time(one, where) for one in states]
@@ -306,7 +307,9 @@ def _joined(lanes: dict[str, Lane], notes: list[str]) -> dict[str, Lane]:
             if other != lane.id and apart <= _JOINED_M:
                 after.append(other)
             else:
-                where = "which is not there" if other not in lanes else f"which starts {apart:.1f} m from its end"
+                where = (
+                    "which is not there" if other not in lanes else f"which starts {apart:.1f} m from its end"
+                )
                 notes.append(f"lanelet {lane.id} (line {lane.line}) goes on into {other}, {where}: left out")
         found[lane.id] = replace(lane, after=tuple(dict.fromkeys(after)))
     return found

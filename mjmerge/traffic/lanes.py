@@ -91,7 +91,12 @@ def frame(lanes: Mapping[str, Lane], of: str) -> Frame:
 
 
 def _straightest(
-    lanes: Mapping[str, Lane], from_: str, others: tuple[str, ...] | list[str], chain: list[str], *, back: bool = False
+    lanes: Mapping[str, Lane],
+    from_: str,
+    others: tuple[str, ...] | list[str],
+    chain: list[str],
+    *,
+    back: bool = False,
 ) -> str | None:
     """The lane that goes on with the least turn; ``None`` where none does, or only one that was there."""
 
@@ -109,7 +114,10 @@ def _straightest(
 def _even(points: Array, along: Array) -> tuple[Array, float]:
     """The line at even spacing, without kinks, with straight ends; and how far that moved it, m."""
     ends = []
-    for end, inner in ((0, np.searchsorted(along, _STRAIGHT_M)), (-1, np.searchsorted(along, along[-1] - _STRAIGHT_M) - 1)):
+    for end, inner in (
+        (0, np.searchsorted(along, _STRAIGHT_M)),
+        (-1, np.searchsorted(along, along[-1] - _STRAIGHT_M) - 1),
+    ):
         inner = int(np.clip(inner, 0, len(points) - 1))
         way = points[end] - points[inner]
         if np.hypot(*way) < 1e-6:
