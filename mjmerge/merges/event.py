@@ -166,7 +166,7 @@ def _start(front_m: Array, r_m: float, crossed: int) -> int | str:
             f"the gap is {gap_m.max():.2f} m at most before it, front axle to front axle; to begin, the law "
             f"needs more than 2r = {2 * r_m:.2f} m"
         )
-    best_m = d_m.min(axis=1).max()
+    best_m = d_m.min(axis=1)[wide].max()
     return (
         f"it is too near to one of them until it crosses, front axle to front axle: d_j is {best_m:.2f} m at "
         f"best, and to begin, the law needs {STARTS_APART * r_m:.2f} m"

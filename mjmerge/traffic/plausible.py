@@ -34,8 +34,8 @@ def doubts_of_units(tracks: Sequence[Track], step_s: float) -> list[Problem]:
     if given and sum(map(len, given)):
         ratio = float(np.median(np.concatenate(given) / np.concatenate(moved)))
         if not _MEDIAN_OFF[0] <= ratio <= _MEDIAN_OFF[1]:
-            near = [word for word, of in _UNITS.items() if abs(ratio / of - 1) < 0.1]
-            guess = f", as if in {near[0]}" if near else ""
+            near = min(_UNITS, key=lambda word: abs(np.log(ratio / _UNITS[word])))
+            guess = f", as if in {near}" if abs(ratio / _UNITS[near] - 1) < 0.05 else ""
             found.append(
                 Problem(
                     f"speeds are {ratio:.3g} times what the positions say{guess}: are units and the time "
