@@ -118,7 +118,6 @@ def event(traffic: Tracks, change: Change) -> Event | Skipped:
     front_m[..., 0] -= front_m[0, 1, 0]
     front_m[:, 1:, 0] = np.maximum.accumulate(front_m[:, 1:, 0], axis=0)  # nobody rolls back
     from_ = change.first + start
-    lane = traffic.lanes[change.to_lane]
     return Event(
         change=change,
         name=f"car-{_slug(change.car)}-{change.crossed * step_s:.1f}s",
@@ -131,7 +130,7 @@ def event(traffic: Tracks, change: Change) -> Event | Skipped:
         overhang_m=overhang_m,  # type: ignore[arg-type]
         models=models,  # type: ignore[arg-type]
         r_m=r_m,
-        lane_m=float(np.median(np.hypot(*(lane.left_m - lane.right_m).T))),
+        lane_m=traffic.lanes[change.to_lane].width_m,
         smoothing=smoothing,  # type: ignore[arg-type]
         mirrored=mirrored,
     )

@@ -81,8 +81,8 @@ def source(event: Event, traffic: Tracks, j: int) -> str:
     """Where a car's motion comes from, and what was done to it."""
     one = event.smoothing[j]
     how = (
-        f"smoothed over {one.window_s:.2g} s, moved by {one.most_m:.2f} m at most"
-        if one.window_s
+        f"smoothed over {one.period_s:.2g} s, moved by {one.most_m:.2f} m at most"
+        if one.period_s
         else "as it stands there"
     )
     also = f"; {event.tightened}" if j == 2 and event.tightened else ""

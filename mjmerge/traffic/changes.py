@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mjmerge.state import Array
+from mjmerge.state import Array, Mask
 from mjmerge.traffic.lanes import Frame, frame, goes_on
 from mjmerge.traffic.tracks import OUTSIDE, Track, Tracks
 
@@ -128,7 +129,7 @@ def _change(
     for name in (leader, follower):
         if traffic.tracks[name].kind in NOT_FOUR_WHEELS:
             return Skipped(id_, f"is between road users of which {name} is a {traffic.tracks[name].kind}")
-    first, last = _seen(traffic, one, leader, follower, crossed, along, way)
+    first, last = _seen(traffic, one, leader, follower, to, crossed, along, way)
     before_s, after_s = (crossed - first) * step_s, (last - crossed) * step_s
     for has_s, least_s, word in ((before_s, LEAST_BEFORE_S, "before"), (after_s, LEAST_AFTER_S, "after")):
         if has_s < least_s - 1e-9:
@@ -147,25 +148,29 @@ def _change(
 
 
 def _seen(
-    traffic: Tracks, one: Track, leader: str, follower: str, crossed: int, along: Frame, way: Array
+    traffic: Tracks,
+    one: Track,
+    leader: str,
+    follower: str,
+    to: str,
+    crossed: int,
+    along: Frame,
+    way: Array,
 ) -> tuple[int, int]:
     """Time steps around the crossing between which all three are seen, and these two are in the new lane."""
     step_s = traffic.step_s
     first = max(int(one.step[0]), crossed - round(BEFORE_S / step_s))
     last = min(int(one.step[-1]), crossed + round(AFTER_S / step_s))
     steps = np.arange(first, last + 1)
-    belong = np.ones(len(steps), dtype=bool)
+    half_m = traffic.lanes[to].width_m / 2
+    belong = (steps < crossed) | _inside(one, steps, along, half_m)
+    side = np.sign(way[:, 1])  # it comes from one side
+    belong &= (steps >= crossed) | (side[steps - one.step[0]] == side[crossed - one.step[0] - 1])
     for name in (leader, follower):
         other = traffic.tracks[name]
         seen = (steps >= other.step[0]) & (steps <= other.step[-1])
-        lane = np.full(len(steps), OUTSIDE, dtype=other.lane.dtype)
-        lane[seen] = other.lane[steps[seen] - other.step[0]]
-        belong &= seen & (np.isin(lane, [*along.lanes]) | (lane == OUTSIDE))
-    own = one.lane[steps - one.step[0]]
-    inside = np.isin(own, [*along.lanes])
-    belong &= (steps < crossed) | inside | (own == OUTSIDE)
-    side = np.sign(way[:, 1])  # it comes from one side
-    belong &= (steps >= crossed) | (side[steps - one.step[0]] == side[crossed - one.step[0] - 1])
+        belong &= seen
+        belong[seen] &= _inside(other, steps[seen], along, half_m)
     at = crossed - first
     off = np.flatnonzero(~belong)
     before, after = off[off < at], off[off > at]
@@ -173,6 +178,14 @@ def _seen(
         first + (int(before[-1]) + 1 if len(before) else 0),
         first + (int(after[0]) - 1 if len(after) else len(steps) - 1),
     )
+
+
+def _inside(one: Track, steps: NDArray[np.int64], along: Frame, half_m: float) -> Mask:
+    """Whether it is in a lane at times that it is seen at, (M,), or before that begins or after it ends."""
+    lane = one.lane[steps - one.step[0]]
+    beyond = (lane == OUTSIDE) & (np.abs(along.place(one.at(steps))[:, 1]) <= half_m)
+    found: Mask = np.isin(lane, [*along.lanes]) | beyond
+    return found
 
 
 def _between(

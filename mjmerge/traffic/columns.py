@@ -6,6 +6,7 @@ Maps of NGSIM and highD ship, in ``maps/``; another one is a YAML file like thei
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -139,6 +140,8 @@ def read_columns(path: Path, name: str = "") -> Tracks:
     if missing:
         places = [Problem(f"no column {one!r}: {nearest(one, header.values())}", "", 1) for one in missing]
         refuse(path, places)
+    if b"\n" not in data.strip():
+        refuse(path, [Problem("has no rows below its header")])
     table = _table(path, data, columns, header)
     return _tracks(path, columns, called, table)
 
@@ -153,6 +156,8 @@ def _header(path: Path, data: bytes, separator: str) -> dict[str, str]:
     if "\0" in text:
         refuse(path, [Problem("not text: it has zero bytes", "", 1)])
     names = [name.strip().strip('"') for name in text.split(separator)]
+    if all(re.fullmatch(_NUMBER, name) for name in names):
+        refuse(path, [Problem("has no header: its first line must name the columns", "", 1)])
     twice = sorted({name for name in names if [n.lower() for n in names].count(name.lower()) > 1})
     refuse(path, [Problem(f"two columns are called {name[:60]!r}", "", 1) for name in twice])
     return {name.lower(): name for name in names}
@@ -192,8 +197,6 @@ def _table(path: Path, data: bytes, columns: Columns, header: Mapping[str, str])
         raise ScenarioError(
             path, [Problem(f"not a whole table: {str(error).splitlines()[0][:200]}")]
         ) from error
-    if not read.num_rows:
-        refuse(path, [Problem("has no rows below its header")])
     texts = {columns.id, columns.lane, columns.kind, columns.place}
     found, problems = {}, []
     for one, name in names.items():

@@ -79,12 +79,12 @@ def frame(lanes: Mapping[str, Lane], of: str) -> Frame:
     parts = [lanes[name].centre_m for name in chain]
     points = np.concatenate(parts)
     keep = np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-6)
-    starts_at = int(keep[: sum(map(len, parts[:origin]))].sum())
+    every = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
+    zero = float(every[sum(map(len, parts[:origin]))])
     points = points[keep]
     if len(points) < 2:
         points = np.array([points[0], points[0] + (1.0, 0.0)])
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
-    zero = along[min(starts_at, len(along) - 1)]
     line, moved_m = _even(points, along)
     step = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
     return Frame(line, step - _BEYOND_M - zero, frozenset(chain), -zero, along[-1] - zero, moved_m)

@@ -49,6 +49,11 @@ class Lane:
         """Between the bounds, (K, 2)."""
         return (self.left_m + self.right_m) / 2
 
+    @property
+    def width_m(self) -> float:
+        """Between the bounds, half of its length being wider."""
+        return float(np.median(np.hypot(*(self.left_m - self.right_m).T)))
+
 
 @dataclass(frozen=True)
 class Track:

@@ -28,7 +28,7 @@ def steady(id_, start_m, speed_mps, y_m=0.0, steps=80, **more):
     return Car(id_, start_m + speed_mps * t, np.full(steps, float(y_m)), **more)
 
 
-def changing(id_, start_m, speed_mps, from_y_m, to_y_m, begins=20, lasts=30, steps=80, **more):
+def changing(id_, start_m, speed_mps, from_y_m, to_y_m, begins=20, lasts=31, steps=80, **more):
     t = np.arange(steps) * 0.1
     s = np.clip((np.arange(steps) - begins) / lasts, 0, 1)
     y = from_y_m + (to_y_m - from_y_m) * s**3 * (10 - 15 * s + 6 * s**2)
@@ -116,8 +116,10 @@ def highd(cars, back=False):
     """Metres, y down, the box's upper left corner; ``back`` drives towards smaller x."""
     sign = -1 if back else 1
     lines = ["frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,laneId"]
-    for car, frame, x, y, lane, v in rows(cars):
+    for car, frame, x, y, lane, v in rows(cars, 0.04):
         corner = sign * x - car.length_m / 2, -sign * y - car.width_m / 2
         size = (car.length_m, car.width_m)
-        lines.append(f"{frame},{car.id}," + ",".join(map(repr, (*corner, *size))) + f",{sign * v!r},0,0,0,{lane}")
+        lines.append(
+            f"{frame},{car.id}," + ",".join(map(repr, (*corner, *size))) + f",{sign * v!r},0,0,0,{lane}"
+        )
     return "\n".join(lines) + "\n"

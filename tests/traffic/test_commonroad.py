@@ -78,7 +78,9 @@ def test_a_state_that_comes_twice_counts_once_and_is_told(tmp_path):
     text = text.replace("<trajectory>\n", "<trajectory>\n" + state("state", 0, 0.5, 0.0, 10.0))
     found = read(tmp_path, commonroad([text]))
     np.testing.assert_allclose(found.tracks["1"].centre_m[:, 0], np.arange(80.0), atol=1e-12)
-    assert "dynamicObstacle 1: 1 states at times that it had already left out, up to 0.5 m apart" in found.notes
+    assert (
+        "dynamicObstacle 1: 1 states at times that it had already left out, up to 0.5 m apart" in found.notes
+    )
 
 
 BAD = {
@@ -92,7 +94,7 @@ BAD = {
     "a time step of NaN": (GOOD.replace('"0.1"', '"nan"'), "must be the seconds", 2),
     "nobody": (commonroad([]), "there is no road user in it", None),
     "laughs": (
-        '<?xml version="1.0"?>\n<!DOCTYPE c [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]>\n<commonRoad>&b;</commonRoad>',
+        '<?xml version="1.0"?>\n<!DOCTYPE c [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]>\n<commonRoad>&b;</a>',
         "has a document type or entities",
         2,
     ),
@@ -102,31 +104,87 @@ BAD = {
         1,
     ),
     "entity that is none": (GOOD.replace("Jörg", "&joerg;"), "not a whole XML file", 2),
-    "NaN": (GOOD.replace("<x>103.0</x>", "<x>nan</x>"), "<x> must be a number", line_of(GOOD, "<x>103.0</x>")),
+    "NaN": (
+        GOOD.replace("<x>103.0</x>", "<x>nan</x>"),
+        "<x> must be a number",
+        line_of(GOOD, "<x>103.0</x>"),
+    ),
     "words": (GOOD.replace("<x>103.0</x>", "<x>far</x>"), "got 'far'", line_of(GOOD, "<x>103.0</x>")),
-    "far away": (GOOD.replace("<x>103.0</x>", "<x>1e9</x>"), "must be a number", line_of(GOOD, "<x>103.0</x>")),
-    "half a time": (GOOD.replace("<exact>3</exact>", "<exact>3.5</exact>", 1), "its time is 3.5", line_of(GOOD, "<exact>3</exact>")),
-    "times go back": (GOOD.replace("<exact>3</exact>", "<exact>1</exact>", 1), "its times go back, to time step 1", line_of(GOOD, '"7"')),
+    "far away": (
+        GOOD.replace("<x>103.0</x>", "<x>1e9</x>"),
+        "must be a number",
+        line_of(GOOD, "<x>103.0</x>"),
+    ),
+    "half a time": (
+        GOOD.replace("<exact>3</exact>", "<exact>3.5</exact>", 1),
+        "its time is 3.5",
+        line_of(GOOD, "<exact>3</exact>"),
+    ),
+    "times go back": (
+        GOOD.replace("<exact>3</exact>", "<exact>1</exact>", 1),
+        "its times go back, to time step 1",
+        line_of(GOOD, '"7"'),
+    ),
     "two places at once": (
         GOOD.replace(state("state", 3, 104.5, 3.5, 15.0), state("state", 2, 164.5, 3.5, 15.0)),
         "is in two places at once, 61.5 m apart",
         line_of(GOOD, '"7"'),
     ),
-    "no shape": (GOOD.replace("<shape>", "<form>", 1).replace("</shape>", "</form>", 1), "has no shape", line_of(GOOD, '"7"')),
-    "no length": (GOOD.replace("<length>4.7</length>", "", 1), "<rectangle/length> is missing", line_of(GOOD, "<shape>")),
+    "no shape": (
+        GOOD.replace("<shape>", "<form>", 1).replace("</shape>", "</form>", 1),
+        "has no shape",
+        line_of(GOOD, '"7"'),
+    ),
+    "no length": (
+        GOOD.replace("<length>4.7</length>", "", 1),
+        "<rectangle/length> is missing",
+        line_of(GOOD, "<shape>"),
+    ),
     "no size": (GOOD.replace("<length>4.7", "<length>0", 1), "its length is 0 m", line_of(GOOD, "<shape>")),
-    "no trajectory": (commonroad([obstacle(steady("1", 0.0, 10.0)).split("<trajectory>")[0] + "</dynamicObstacle>"]), "one state at most", None),
-    "one state": (commonroad([steady("1", 0.0, 10.0, steps=2)]).replace("<time><exact>1<", "<time><exact>0<"), "has one state", None),
+    "no trajectory": (
+        commonroad([obstacle(steady("1", 0.0, 10.0)).split("<trajectory>")[0] + "</dynamicObstacle>"]),
+        "one state at most",
+        None,
+    ),
+    "one state": (
+        commonroad([steady("1", 0.0, 10.0, steps=2)]).replace("<time><exact>1<", "<time><exact>0<"),
+        "has one state",
+        None,
+    ),
     "no position": (GOOD.replace("position", "place"), "<position/point/x> is missing", None),
-    "no time": (GOOD.replace("<time>", "<when>").replace("</time>", "</when>"), "<time/exact> is missing", None),
-    "the same twice": (commonroad([*merging(steps=12), merging(steps=12)[0]]), "is there twice, first on line", None),
-    "in feet": (commonroad([steady(str(k), 100.0 * k, 40.0, length_m=15.4) for k in range(3)]), "half of all vehicles are 15.4 m long", None),
+    "no time": (
+        GOOD.replace("<time>", "<when>").replace("</time>", "</when>"),
+        "<time/exact> is missing",
+        None,
+    ),
+    "the same twice": (
+        commonroad([*merging(steps=12), merging(steps=12)[0]]),
+        "is there twice, first on line",
+        None,
+    ),
+    "in feet": (
+        commonroad([steady(str(k), 100.0 * k, 40.0, length_m=15.4) for k in range(3)]),
+        "half of all vehicles are 15.4 m long",
+        None,
+    ),
     "too fast": (commonroad([steady("1", 0.0, 400.0)]), "moves at 400 m/s", None),
-    "in km/h": (commonroad([obstacle(steady("1", 0.0, 10.0), np.full(80, 36.0))]), "speeds are 3.6 times what the positions say, as if in km/h", None),
-    "half a lanelet": (commonroad([steady("1", 0.0, 10.0)], lanelet(5, [(0, 1)], [(0, 0), (9, 0)])), "its leftBound has 1 points", 4),
-    "a lanelet of NaN": (commonroad([steady("1", 0.0, 10.0)], lanelet(5, [(0, 1), (9, np.nan)], [(0, 0), (9, 0)])), "<y> must be a number", 6),
+    "in km/h": (
+        commonroad([obstacle(steady("1", 0.0, 10.0), np.full(80, 36.0))]),
+        "speeds are 3.6 times what the positions say, as if in km/h",
+        None,
+    ),
+    "half a lanelet": (
+        commonroad([steady("1", 0.0, 10.0)], lanelet(5, [(0, 1)], [(0, 0), (9, 0)])),
+        "its leftBound has 1 points",
+        4,
+    ),
+    "a lanelet of NaN": (
+        commonroad([steady("1", 0.0, 10.0)], lanelet(5, [(0, 1), (9, np.nan)], [(0, 0), (9, 0)])),
+        "<y> must be a number",
+        6,
+    ),
     "another encoding": (GOOD.replace("UTF-8", "EBCDIC-CP-US"), "encoding 'ebcdic-cp-us' is not read", 1),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -154,7 +212,9 @@ def test_a_file_that_ends_anywhere_before_its_end_is_refused(tmp_path_factory, e
         read(tmp_path_factory.getbasetemp(), GOOD[:end])
 
 
-@pytest.mark.parametrize(("declared", "encoding"), [("UTF-8", "utf-8-sig"), ("ISO-8859-1", "latin-1"), ("UTF-16", "utf-16")])
+@pytest.mark.parametrize(
+    ("declared", "encoding"), [("UTF-8", "utf-8-sig"), ("ISO-8859-1", "latin-1"), ("UTF-16", "utf-16")]
+)
 def test_a_file_is_read_in_the_encoding_that_it_declares(tmp_path, declared, encoding):
     found = read(tmp_path, commonroad(merging(steps=12), declared=declared), encoding)
     assert [*found.tracks] == ["7", "8", "9"]
