@@ -20,7 +20,7 @@ from mjmerge.law import Law
 from mjmerge.law.asked import problems
 from mjmerge.roster import neighbour, roster
 from mjmerge.scenario.metrics import metric_name
-from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Models
+from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Lengths, Models
 from mjmerge.scenario.space import Space
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -239,9 +239,11 @@ def _driven(initial: Initial, drivers: Drivers) -> Iterator[Problem]:
 def _modelled(initial: Initial, models: Models) -> Iterator[Problem]:
     """Nobody else has a model."""
     yield from _nowhere(initial, models, "models")
+    yield from _nowhere(initial, models.length_m, "models.length_m")
+    yield from _nowhere(initial, models.width_m, "models.width_m")
 
 
-def _nowhere(initial: Initial, section: Drivers | Models, key: str) -> Iterator[Problem]:
+def _nowhere(initial: Initial, section: Drivers | Models | Lengths, key: str) -> Iterator[Problem]:
     for car in (c for c in section.further if c not in initial.further):
         yield Problem(f"there is no {car} under initial: nobody knows where it starts", f"{key}.{car}")
 

@@ -28,7 +28,7 @@ from mjmerge.law.asked import rehearse
 from mjmerge.law.outside import GROUP as LAWS
 from mjmerge.law.outside import brought as law_brought
 from mjmerge.roster import in_order
-from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.cars import sheet_of
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.metrics import find
 from mjmerge.scenario.schema import Models, Scenario
@@ -125,7 +125,7 @@ def _check_texts(given: object) -> None:
 def dump(scenario: Scenario) -> str:
     """The scenario as YAML with every default written out; loading it gives an equal scenario.
 
-    But for metrics and a search, which are not named where there are none.
+    But for metrics, a search and lengths of cars, which are not named where there are none.
     """
     yaml = YAML(typ="safe", pure=True)
     yaml.Representer = _Representer
@@ -133,6 +133,9 @@ def dump(scenario: Scenario) -> str:
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
     yaml.width = 2**31
     plain = scenario.model_dump(mode="json")
+    for asked in ("length_m", "width_m"):
+        if not getattr(scenario.models, asked).said:
+            del plain["models"][asked]
     for section in (plain, plain["expect"], *plain["gate"]):
         if not section["metrics"]:
             del section["metrics"]
@@ -236,7 +239,7 @@ def _models(
         try:
             folder = str(shipped.model_folder(name, near))
             names[car] = name if name in shipped.models() else folder
-            sheets[car] = data_sheet(names[car]).sized(models.size)
+            sheets[car] = sheet_of(models.model_copy(update={car: names[car]}), car)
         except (ModelError, UnknownNameError) as error:
             document.report(str(error), f"models.{car}")
         except ScenarioError as error:
