@@ -74,15 +74,13 @@ class Traffic:
         console.print(
             f"{bold(self.file.name)} on {plain(self.plant)}: {plain(sentence(found))}", soft_wrap=True
         )
-        grid = Table(box=None, pad_edge=False)
-        for head in ("scenario", "Assumption 1", "verdict", "human d_1, d_2", "law d_1, d_2"):
-            grid.add_column(head, overflow="fold")
+        grid = Table("scenario", "verdict", "human d_1, d_2", "law d_1, d_2", box=None, pad_edge=False)
         for one in found.merges:
             least = [
                 f"{m.leader.distance_m:.2f}, {m.follower.distance_m:.2f} m" for m in (one.human, one.law)
             ]
-            kept = "broken" if one.event.breaks else "kept"
-            grid.add_row(plain(one.event.name), kept, one.verdict.verdict, *least)
+            verdict = f"{one.verdict.verdict}{'; breaks Assumption 1' if one.event.breaks else ''}"
+            grid.add_row(plain(one.event.name), verdict, *least)
         if found.merges:
             console.print(grid)
         for skipped in found.skipped:

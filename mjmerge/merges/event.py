@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from mjmerge.state import Array
 from mjmerge.traffic.changes import Change, Skipped
 from mjmerge.traffic.smooth import Smoothed, smoothed
 from mjmerge.traffic.tracks import Tracks
+from mjmerge.vehicle.datasheet import DataSheet
 
 LIKE = "highway"
 """The shipped scenario whose law is taken, at the size of the cars."""
@@ -35,9 +37,8 @@ class Event:
         crossed_s: when the human's centre is in the new lane, from there.
         time_s: from 0, (T,).
         front_m: front axles, (T, 3, 2), smoothed; y of leader and follower are as they were.
-        length_m: of each car, (3,).
-        width_m: likewise, (3,).
-        overhang_m: from the front axle to the nose, (3,).
+        recorded: the bodies of the record, (3,).
+        bodies: those that drive in the scenario: of the same sizes, or as the models come.
         models: the car model that is nearest in length, of each.
         r_m: the margin of the law at that size.
         lane_m: width of the new lane.
@@ -53,9 +54,8 @@ class Event:
     crossed_s: float
     time_s: Array
     front_m: Array
-    length_m: tuple[float, float, float]
-    width_m: tuple[float, float, float]
-    overhang_m: tuple[float, float, float]
+    recorded: tuple[DataSheet, DataSheet, DataSheet]
+    bodies: tuple[DataSheet, DataSheet, DataSheet]
     models: tuple[str, str, str]
     r_m: float
     lane_m: float
@@ -76,6 +76,11 @@ class Event:
         return max(one.most_m for one in self.smoothing)
 
     @property
+    def sized(self) -> bool:
+        """Whether the cars of the scenario have the sizes of the record."""
+        return self.bodies == self.recorded
+
+    @property
     def breaks(self) -> str:
         """How the record breaks Assumption 1, in words; empty where it does not."""
         least = int(np.argmin(self.gap_m))
@@ -86,25 +91,29 @@ class Event:
         )
 
 
-def event(traffic: Tracks, change: Change) -> Event | Skipped:
+def event(traffic: Tracks, change: Change, *, sized: bool = True) -> Event | Skipped:
     """A lane change as three cars on a straight road, from the first time at which the law may begin.
 
     Args:
         traffic: the file.
         change: one of its lane changes.
+        sized: whether the cars have the sizes of the record; otherwise they are the models as they come.
     """
     step_s = traffic.step_s
     tracks = [traffic.tracks[name] for name in change.three]
     models = tuple(_model(one.length_m) for one in tracks)
-    overhang_m = tuple(_overhang_m(name, one.length_m) for name, one in zip(models, tracks, strict=True))
-    length_m, width_m = tuple(one.length_m for one in tracks), tuple(one.width_m for one in tracks)
-    r_m = margin_m(length_m, overhang_m)
+    sheets = tuple(map(data_sheet, models))
+    recorded = tuple(
+        sheet.stretched(one.length_m, one.width_m) for sheet, one in zip(sheets, tracks, strict=True)
+    )
+    bodies = recorded if sized else sheets
+    r_m = margin_m(bodies)
     smoothing = tuple(smoothed(one.centre_m, step_s) for one in tracks)
     steps = np.arange(change.first, change.last + 1)
     ways = []
-    for one, smooth, ahead_m in zip(tracks, smoothing, overhang_m, strict=True):
+    for one, smooth, sheet in zip(tracks, smoothing, recorded, strict=True):
         way = change.frame.place(smooth.centre_m[steps - one.step[0]])
-        way[:, 0] += one.length_m / 2 - ahead_m  # from the centre to the front axle
+        way[:, 0] += sheet.length_m / 2 - sheet.front_overhang_m  # from the centre to the front axle
         ways.append(way)
     front_m = np.stack(ways, axis=1)
     mirrored = bool(front_m[change.crossed - change.first - 1, 0, 1] < 0)
@@ -125,9 +134,8 @@ def event(traffic: Tracks, change: Change) -> Event | Skipped:
         crossed_s=(change.crossed - from_) * step_s,
         time_s=np.round(np.arange(len(front_m)) * step_s, 9),
         front_m=front_m,
-        length_m=length_m,  # type: ignore[arg-type]  # three of each
-        width_m=width_m,  # type: ignore[arg-type]
-        overhang_m=overhang_m,  # type: ignore[arg-type]
+        recorded=recorded,  # type: ignore[arg-type]  # three of each
+        bodies=bodies,  # type: ignore[arg-type]
         models=models,  # type: ignore[arg-type]
         r_m=r_m,
         lane_m=traffic.lanes[change.to_lane].width_m,
@@ -136,19 +144,16 @@ def event(traffic: Tracks, change: Change) -> Event | Skipped:
     )
 
 
-def margin_m(length_m: tuple[float, ...], overhang_m: tuple[float, ...]) -> float:
-    """The margin r: so much more than the reach of bodies in one lane as in the shipped scenario.
+def margin_m(bodies: Sequence[DataSheet]) -> float:
+    """The margin r of ego, leader and follower: as much more than they reach in one lane as it ships with."""
+    ego, leader, follower = bodies
+    reach_m = max(tail_m(leader) + ego.front_overhang_m, tail_m(ego) + follower.front_overhang_m)
+    return load(LIKE).r_m / data_sheet(MODELS[0]).length_m * reach_m
 
-    Args:
-        length_m: of ego, leader and follower.
-        overhang_m: likewise.
-    """
-    own = load(LIKE)
-    reach_m = max(
-        length_m[1] - overhang_m[1] + overhang_m[0],  # the ego behind the leader
-        length_m[0] - overhang_m[0] + overhang_m[2],  # the follower behind the ego
-    )
-    return own.r_m / data_sheet(MODELS[0]).length_m * reach_m
+
+def tail_m(body: DataSheet) -> float:
+    """How far a body reaches behind its front axle, m."""
+    return body.length_m - body.front_overhang_m
 
 
 def _start(front_m: Array, r_m: float, crossed: int) -> int | str:
@@ -175,12 +180,6 @@ def _start(front_m: Array, r_m: float, crossed: int) -> int | str:
 def _model(length_m: float) -> str:
     """The shipped full-size model that is nearest in length."""
     return min(MODELS, key=lambda name: abs(data_sheet(name).length_m - length_m))
-
-
-def _overhang_m(model: str, length_m: float) -> float:
-    """From the front axle to the nose, in the model's proportion."""
-    sheet = data_sheet(model)
-    return sheet.front_overhang_m / sheet.length_m * length_m
 
 
 def _slug(text: str) -> str:

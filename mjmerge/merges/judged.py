@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from mjmerge.config.acts import BODIES
 from mjmerge.errors import ModelError, ScenarioError
 from mjmerge.merges.event import Event, event
 from mjmerge.merges.margins import Margins, margins
 from mjmerge.merges.scenario import scenario, source
 from mjmerge.merges.tighten import tightened
+from mjmerge.plant import check
 from mjmerge.scenario.load import load
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
@@ -69,6 +71,8 @@ def merges(
 ) -> Merges:
     """Every lane change of a file as a scenario, or why it is none; each is run once.
 
+    Cars have the sizes of the record, but on plants whose cars come as they are.
+
     Args:
         traffic: the file.
         plant: what moves the cars.
@@ -76,22 +80,22 @@ def merges(
         told: called with how many scenarios were run, of how many.
     """
     found, skipped, names = [], [], set[str]()
-    changes = list(lane_changes(traffic))
+    changes, sized = list(lane_changes(traffic)), plant not in BODIES
     for change in changes:
-        one = event(traffic, change) if isinstance(change, Change) else change
+        one = event(traffic, change, sized=sized) if isinstance(change, Change) else change
         if isinstance(one, Skipped):
             skipped.append(one)
             continue
         while one.name in names:
             one = replace(one, name=f"{one.name}_")
         names.add(one.name)
-        human = margins(
-            one.time_s, one.front_m, one.length_m, one.width_m, one.overhang_m, one.r_m, one.lane_m
-        )
+        human = margins(one.time_s, one.front_m, one.recorded, one.r_m, one.lane_m)
         for version in (one, *tightened(one, steps)):
             keys = scenario(version, traffic)
             try:
-                found.append((version, keys, load(keys).named(version.name), human))
+                loaded = load(keys).named(version.name)
+                check(plant, loaded)
+                found.append((version, keys, loaded, human))
             except (ScenarioError, ModelError) as error:
                 skipped.append(Skipped(version.name, _why(error)))
     skipped += [Skipped(f"road user {one.id}", one.why) for one in traffic.unused]
@@ -107,7 +111,7 @@ def _run(one: Event, keys: dict[str, Any], loaded: Scenario, human: Margins, pla
     trace = simulate(loaded, plant)
     known = int(np.isfinite(trace.front_m[0]).all(axis=(1, 2)).sum())  # a run may stop early
     time_s, front_m = trace.time_s[:known], trace.front_m[0, :known]
-    law = margins(time_s, front_m, one.length_m, one.width_m, one.overhang_m, one.r_m, one.lane_m)
+    law = margins(time_s, front_m, one.bodies, one.r_m, one.lane_m)
     return Merge(one, keys, loaded, trace, judge(trace)[0], human, law)
 
 
@@ -146,6 +150,10 @@ def _scenario_json(one: Merge, found: Merges, folder: str) -> dict[str, Any]:
         "crossed_s": what.crossed_s,
         "duration_s": one.scenario.duration_s,
         "smoothing_m": what.smoothing_m,
+        "length_m": {
+            "recorded": [body.length_m for body in what.recorded],
+            "driven": [body.length_m for body in what.bodies],
+        },
         "sources": [source(what, found.traffic, j) for j in range(3)],
         "least_gap_m": float(what.gap_m.min()),
         "r_m": what.r_m,

@@ -6,12 +6,14 @@ scale of danger", Highway Research Record 384, 1972), and asked while the bodies
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mjmerge.state import Array, Mask
+from mjmerge.vehicle.datasheet import DataSheet
 
 SLOWEST_MPS = 0.5
 """A slower car has no time gap to the one ahead."""
@@ -70,9 +72,7 @@ class Margins:
 def margins(
     time_s: Array,
     front_m: Array,
-    length_m: tuple[float, float, float],
-    width_m: tuple[float, float, float],
-    overhang_m: tuple[float, float, float],
+    bodies: Sequence[DataSheet],
     r_m: float,
     lane_m: float,
 ) -> Margins:
@@ -81,19 +81,17 @@ def margins(
     Args:
         time_s: evenly spaced, (T,).
         front_m: front axles, of ego, leader and follower, (T, 3, 2).
-        length_m: of each car.
-        width_m: of each car.
-        overhang_m: of each car, from the front axle to the nose.
+        bodies: data sheet of each car.
         r_m: the margin r.
         lane_m: width of the new lane, whose middle is y = 0.
     """
-    nose_m = front_m[..., 0] + overhang_m
-    tail_m = nose_m - length_m
+    nose_m = front_m[..., 0] + [body.front_overhang_m for body in bodies]
+    tail_m = nose_m - [body.length_m for body in bodies]
     speed_mps = np.gradient(front_m[..., 0], time_s, axis=0)
     pairs = []
     for j, (back, ahead) in enumerate(((0, 1), (2, 0)), 1):
         d_m = np.hypot(*(front_m[:, 0] - front_m[:, j]).T) - r_m
-        overlap = np.abs(front_m[:, 0, 1] - front_m[:, j, 1]) < (width_m[0] + width_m[j]) / 2
+        overlap = np.abs(front_m[:, 0, 1] - front_m[:, j, 1]) < (bodies[0].width_m + bodies[j].width_m) / 2
         gap_m = tail_m[:, ahead] - nose_m[:, back]
         v, closing = speed_mps[:, back], speed_mps[:, back] - speed_mps[:, ahead]
         time_gap_s = gap_m / np.maximum(v, SLOWEST_MPS)

@@ -147,9 +147,10 @@ def figure(one: Merge) -> Figure:
     end = what.time_s <= t[-1] + 1e-9
     human_t, human = what.time_s[end], what.front_m[end]
     for j, car in enumerate(CARS):
-        nose_m = front[:, j, 0] - mean_mps * t + what.overhang_m[j]
+        body = what.bodies[j]
+        nose_m = front[:, j, 0] - mean_mps * t + body.front_overhang_m
         line = {"color": colour(car), "label": ("law", "leader", "follower")[j]}
-        along.fill_between(t, nose_m - what.length_m[j], nose_m, color=colour(car), alpha=0.3, linewidth=0)
+        along.fill_between(t, nose_m - body.length_m, nose_m, color=colour(car), alpha=0.3, linewidth=0)
         along.plot(t, front[:, j, 0] - mean_mps * t, **line)
         across.plot(t, front[:, j, 1], **line)
         speed.plot(t, _speed(t, front[:, j]), **line)

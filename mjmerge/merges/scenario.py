@@ -50,7 +50,7 @@ def scenario(event: Event, traffic: Tracks) -> dict[str, Any]:
         "duration_s": duration_s,
         "control_step_s": step_s,
         "physics_step_s": own.physics_step_s,
-        "models": dict(zip(CARS, event.models, strict=True)),
+        "models": dict(zip(CARS, event.models, strict=True)) | (_sizes(event) if event.sized else {}),
         "road": {"lane_width_m": round(event.lane_m, 2)},
         "initial": {
             car: {
@@ -62,6 +62,14 @@ def scenario(event: Event, traffic: Tracks) -> dict[str, Any]:
         | {"z": own.initial.z, "mu": own.initial.mu},
         "law": law(event),
         "drivers": drivers,
+    }
+
+
+def _sizes(event: Event) -> dict[str, dict[str, float]]:
+    """The keys of the cars' sizes."""
+    return {
+        key: {car: getattr(body, key) for car, body in zip(CARS, event.bodies, strict=True)}
+        for key in ("length_m", "width_m")
     }
 
 
@@ -93,6 +101,7 @@ def described(event: Event, traffic: Tracks) -> str:
     """In a line."""
     change = event.change
     also = f"; {event.tightened}" if event.tightened else ""
+    also += "" if event.sized else f"; cars as their models come ({', '.join(event.models)})"
     return (
         f"Car {change.car} of {traffic.path.name} changes lanes behind {change.leader} and ahead of "
         f"{change.follower}, from {event.from_s:.1f} s; its law in its place{also}."
@@ -103,7 +112,7 @@ def written(keys: dict[str, Any]) -> str:
     """A scenario's keys as YAML: a line for each key of a section."""
     lines = []
     for name, value in keys.items():
-        if isinstance(value, dict) and name not in ("models", "road"):
+        if isinstance(value, dict) and name != "road":
             lines += ["", f"{name}:"]
             for key, inner in value.items():
                 if name == "drivers":

@@ -70,5 +70,5 @@ def moved(event: Event, shift_m: float, factor: float, step: float) -> Event:
         said = ["is where it was: nothing nearer is allowed"]
     least_m = float(np.min(front_m[:, 1, 0] - front_m[:, 2, 0]))
     words = f"follower {' and '.join(said)}: least gap {least_m:.2f} m, {least_m / event.r_m:.2f} r"
-    name = f"{event.name}-tightened-{round(100 * step):03d}"
+    name = f"{event.name}-tight-{round(100 * step):03d}"
     return replace(event, front_m=front_m, tightened=words, step=step, name=name)

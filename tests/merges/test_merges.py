@@ -1,4 +1,4 @@
-"""Lane changes as scenarios: they replay what was recorded, are tightened as far as is allowed, and reported."""
+"""Lane changes as scenarios: they replay what was recorded, are tightened as far as is allowed, and told."""
 
 import json
 
@@ -15,6 +15,7 @@ from mjmerge.merges.judged import merges
 from mjmerge.merges.margins import entered_s, margins
 from mjmerge.merges.scenario import scenario, written
 from mjmerge.merges.tighten import LEAST_GAP, tightened
+from mjmerge.plant import check
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.traffic.changes import Change, Skipped, lane_changes
 from mjmerge.traffic.commonroad import read_commonroad
@@ -48,6 +49,9 @@ def test_neighbours_of_a_scenario_drive_as_they_were_recorded(tmp_path):
     at = np.round(one.time_s / loaded.control_step_s).astype(int)
     at = at[at < len(trace.time_s)]
     overhang_m = [data_sheet("van").front_overhang_m / 5.9 * 9.0, 0.9]
+    sizes = [(sheet.length_m, sheet.width_m) for sheet in trace.sheets]
+    assert sizes == [(car.length_m, car.width_m) for car in THREE]
+    assert trace.sheets[1].front_overhang_m == pytest.approx(overhang_m[0])
     for j, (car, ahead_m) in enumerate(zip(THREE[1:], overhang_m, strict=True), 1):
         front_m = car.x_m + car.length_m / 2 - ahead_m
         expected = front_m - (THREE[1].x_m[0] + 4.5 - overhang_m[0])
@@ -73,6 +77,17 @@ def test_the_ego_starts_where_the_human_was_on_the_left_whichever_side_it_comes_
     assert one.mirrored == (side < 0)
 
 
+def test_on_a_plant_whose_cars_come_as_they_are_they_do_and_the_scenario_says_so(tmp_path):
+    traffic, _ = events(tmp_path, THREE)
+    (one,) = (event(traffic, change, sized=False) for change in lane_changes(traffic))
+    loaded = mjmerge.load(scenario(one, traffic))
+    check("mujoco", loaded)
+    assert "cars as their models come (sedan, van, sedan)" in loaded.description
+    assert [body.length_m for body in one.bodies] == [4.7, 5.9, 4.7]
+    assert [body.length_m for body in one.recorded] == [4.7, 9.0, 4.7]
+    assert one.r_m == margin_m([data_sheet(name) for name in one.models])
+
+
 def test_the_scenario_that_is_written_is_the_one_that_was_run(tmp_path):
     traffic, (one,) = events(tmp_path, THREE)
     keys = scenario(one, traffic)
@@ -81,17 +96,20 @@ def test_the_scenario_that_is_written_is_the_one_that_was_run(tmp_path):
     assert mjmerge.load(tmp_path / "a.yaml") == mjmerge.load(keys)
 
 
+def body(length_m, width_m=1.8, overhang_m=None):
+    sheet = data_sheet("sedan").stretched(length_m, width_m)
+    return sheet if overhang_m is None else sheet.model_copy(update={"front_overhang_m": overhang_m})
+
+
 @given(st.lists(st.floats(3.0, 20.0), min_size=3, max_size=3))
 def test_r_is_more_than_bodies_reach_in_one_lane_and_grows_with_their_lengths(length_m):
-    overhang_m = [0.19 * length for length in length_m]
-    r_m = margin_m(tuple(length_m), tuple(overhang_m))
+    overhang_m = [0.9 / 4.7 * length for length in length_m]
+    r_m = margin_m(list(map(body, length_m)))
     behind_leader_m = length_m[1] - overhang_m[1] + overhang_m[0]
     ahead_of_follower_m = length_m[0] - overhang_m[0] + overhang_m[2]
     assert r_m > max(behind_leader_m, ahead_of_follower_m)
-    assert margin_m(tuple(2 * x for x in length_m), tuple(2 * x for x in overhang_m)) == pytest.approx(
-        2 * r_m
-    )
-    assert margin_m((4.7,) * 3, (0.9,) * 3) == pytest.approx(4.86)  # of the shipped scenario
+    assert margin_m([body(2 * length) for length in length_m]) == pytest.approx(2 * r_m)
+    assert margin_m([body(4.7)] * 3) == pytest.approx(4.86)  # of the shipped scenario
 
 
 @settings(max_examples=8)
@@ -154,9 +172,7 @@ def test_margins_are_those_of_three_cars_of_known_motion():
     found = margins(
         t,
         np.stack([ego, leader, follower], axis=1),
-        (5.0, 4.0, 6.0),
-        (2.0, 2.0, 2.0),
-        (1.0, 0.8, 1.2),
+        [body(5.0, 2.0, 1.0), body(4.0, 2.0, 0.8), body(6.0, 2.0, 1.2)],
         5.0,
         3.5,
     )
@@ -181,15 +197,11 @@ def test_cars_that_never_close_in_have_no_time_to_collision_and_those_beside_hav
     ego, leader, follower = (
         np.stack([x + 20 * t, y + 0 * t], axis=1) for x, y in ((0, 3.5), (30, 0), (-30, 0))
     )
-    found = margins(
-        t, np.stack([ego, leader, follower], axis=1), (5.0,) * 3, (2.0,) * 3, (1.0,) * 3, 5.0, 3.5
-    )
+    found = margins(t, np.stack([ego, leader, follower], axis=1), [body(5.0, 2.0, 1.0)] * 3, 5.0, 3.5)
     assert found.leader.bumper_m is None
     assert found.follower.time_gap_s is None
     ego[:, 1] = 0
-    found = margins(
-        t, np.stack([ego, leader, follower], axis=1), (5.0,) * 3, (2.0,) * 3, (1.0,) * 3, 5.0, 3.5
-    )
+    found = margins(t, np.stack([ego, leader, follower], axis=1), [body(5.0, 2.0, 1.0)] * 3, 5.0, 3.5)
     assert (found.leader.bumper_m, found.leader.ttc_s) == (pytest.approx(25.0), None)
 
 
@@ -241,7 +253,7 @@ def test_the_report_has_the_law_beside_the_human_and_every_reason(ran):
     assert "5 road users: 4 tracks, 1 of no use; 2 lane changes: 1 make scenarios, 1 do not" in report
     assert report.count("| human |") == report.count("| law |") == 2
     assert "- car 5 at 3.6 s: no leader is seen in lane 100 when it is entered" in report
-    for name in ("car-7-3.6s", "car-7-3.6s-tightened-100"):
+    for name in ("car-7-3.6s", "car-7-3.6s-tight-100"):
         assert f"![{name}]({name}.png)" in report
         assert (folder / f"{name}.png").stat().st_size > 10_000
 
