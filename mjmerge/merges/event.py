@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -22,6 +23,8 @@ MODELS = ("sedan", "van")
 """Full-size cars that ship."""
 STARTS_APART = 0.02
 """Of r: the least d_j(0)."""
+GENTLE_MPS2 = 4.0
+"""What the barrier asks for at t = 0 where that can be chosen: more, and physical cars cannot do it."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class Event:
         lane_m: width of the new lane.
         smoothing: what was done to each, three of them.
         mirrored: whether left and right changed places: the ego always comes from the left.
+        first_mps2: what the barrier asks for at t = 0, of the two the more.
         tightened: what was done to the follower, in words; empty where nothing was.
         step: how far that is towards the least gap, 0 to 1.
     """
@@ -61,6 +65,7 @@ class Event:
     lane_m: float
     smoothing: tuple[Smoothed, Smoothed, Smoothed]
     mirrored: bool
+    first_mps2: float
     tightened: str = ""
     step: float = 0.0
 
@@ -119,7 +124,8 @@ def event(traffic: Tracks, change: Change, *, sized: bool = True) -> Event | Ski
     mirrored = bool(front_m[change.crossed - change.first - 1, 0, 1] < 0)
     if mirrored:
         front_m[..., 1] *= -1
-    start = _start(front_m, r_m, change.crossed - change.first)
+    asked_mps2 = barrier_mps2(front_m, np.gradient(front_m[..., 0], step_s, axis=0), r_m)
+    start = _start(front_m, asked_mps2, r_m, change.crossed - change.first)
     id_ = f"car {change.car} at {change.crossed * step_s:.1f} s"
     if isinstance(start, str):
         return Skipped(id_, start)
@@ -141,6 +147,7 @@ def event(traffic: Tracks, change: Change, *, sized: bool = True) -> Event | Ski
         lane_m=traffic.lanes[change.to_lane].width_m,
         smoothing=smoothing,  # type: ignore[arg-type]
         mirrored=mirrored,
+        first_mps2=float(asked_mps2[start]),
     )
 
 
@@ -156,15 +163,37 @@ def tail_m(body: DataSheet) -> float:
     return body.length_m - body.front_overhang_m
 
 
-def _start(front_m: Array, r_m: float, crossed: int) -> int | str:
-    """The first place before the crossing where the law's own hypotheses hold, or why there is none."""
+def barrier_mps2(front_m: Array, speed_mps: Array, r_m: float) -> Array:
+    """What the barrier of the law would ask for, k_o |d_j'| / d_j of the neighbour where it is more, (T,).
+
+    Args:
+        front_m: of ego, leader and follower, (T, 3, 2).
+        speed_mps: along the lane, (T, 3).
+        r_m: the margin r.
+    """
+    own = load(LIKE).law
+    apart = front_m[:, :1] - front_m[:, 1:]  # (T, 2, 2)
+    distance_m = np.hypot(apart[..., 0], apart[..., 1])
+    rate_mps = apart[..., 0] * (speed_mps[:, :1] - speed_mps[:, 1:]) / distance_m
+    d_m = np.maximum(distance_m - r_m, 1e-9)
+    k_o = getattr(own, "k_o", 0.0) * sqrt(r_m / own.r_m)
+    found: Array = (k_o * np.abs(rate_mps) / d_m).max(axis=1)
+    return found
+
+
+def _start(front_m: Array, asked_mps2: Array, r_m: float, crossed: int) -> int | str:
+    """The first place before the crossing where the law's own hypotheses hold, or why there is none.
+
+    If there is such a one, the first from which cars can do what the barrier asks for.
+    """
     d_m = np.hypot(*np.moveaxis(front_m[:crossed, :1] - front_m[:crossed, 1:], -1, 0)) - r_m  # (T, 2)
     gap_m = front_m[:crossed, 1, 0] - front_m[:crossed, 2, 0]
     apart = d_m.min(axis=1) >= STARTS_APART * r_m
     wide = gap_m > 2 * (1 + STARTS_APART) * r_m
-    good = np.flatnonzero(apart & wide)
-    if len(good):
-        return int(good[0])
+    good = apart & wide
+    gentle = good & (asked_mps2[:crossed] <= GENTLE_MPS2)
+    if good.any():
+        return int(np.argmax(gentle if gentle.any() else good))
     if not wide.any():
         return (
             f"the gap is {gap_m.max():.2f} m at most before it, front axle to front axle; to begin, the law "

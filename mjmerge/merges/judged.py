@@ -155,6 +155,7 @@ def _scenario_json(one: Merge, found: Merges, folder: str) -> dict[str, Any]:
             "driven": [body.length_m for body in what.bodies],
         },
         "sources": [source(what, found.traffic, j) for j in range(3)],
+        "first_mps2": what.first_mps2,
         "least_gap_m": float(what.gap_m.min()),
         "r_m": what.r_m,
         "breaks_assumption": bool(what.breaks),

@@ -11,6 +11,7 @@ import numpy as np
 
 from mjmerge.config.document import is_text
 from mjmerge.figures.style import COLOURS, LINE, colour, save, sheet, words
+from mjmerge.merges.event import GENTLE_MPS2
 from mjmerge.merges.judged import Merge, Merges, as_json
 from mjmerge.merges.margins import Margins
 from mjmerge.merges.scenario import CARS, written
@@ -104,6 +105,8 @@ def _section(one: Merge) -> Iterator[str]:
     yield f"{_plain(one.scenario.description)} r is {what.r_m:.2f} m."
     if what.breaks:
         yield f"It breaks Assumption 1: {what.breaks}."
+    if what.first_mps2 > GENTLE_MPS2:
+        yield f"At the start the barrier asks for {what.first_mps2:.1f} m/s²: more than physical cars can do."
     if what.change.between:
         between = ", ".join(_plain(name) for name in what.change.between)
         yield f"Between leader and follower there was also, at some time, {between}: left out."

@@ -104,7 +104,7 @@ def described(event: Event, traffic: Tracks) -> str:
     also += "" if event.sized else f"; cars as their models come ({', '.join(event.models)})"
     return (
         f"Car {change.car} of {traffic.path.name} changes lanes behind {change.leader} and ahead of "
-        f"{change.follower}, from {event.from_s:.1f} s; its law in its place{also}."
+        f"{change.follower}, from {event.from_s:.1f} s; the law in its place{also}."
     )
 
 

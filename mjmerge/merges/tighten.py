@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import sqrt
 
 import numpy as np
 
-from mjmerge.merges.event import STARTS_APART, Event
+from mjmerge.merges.event import GENTLE_MPS2, STARTS_APART, Event, barrier_mps2
 
 LEAST_GAP = 2.02
 """The gap that is tightened to, over r: Assumption 1 leaves the ego more than 2."""
 FASTER = 0.25
 """How much faster than it was the follower may be driven."""
+_ROUNDS, _TRIED = 4, 2001
 
 
 def tightened(event: Event, steps: int) -> Iterator[Event]:
     """The event with its follower moved nearer in so many steps, the last to the least gap.
 
-    At first it starts nearer, as long as the law can still begin; what is missing then, it drives faster by a
-    factor. A record that breaks Assumption 1 is eased in the same way: its follower starts further back.
+    At first it starts nearer, as long as cars can do what the barrier then asks for; what is missing, it
+    drives faster by a factor. A record that breaks Assumption 1 is eased: its follower starts further back.
 
     Args:
         event: as recorded.
@@ -35,19 +35,32 @@ def tightened(event: Event, steps: int) -> Iterator[Event]:
 def towards(event: Event) -> tuple[float, float]:
     """How far ahead the follower is to start, m, and how much faster it is to drive, a factor."""
     least_m, gap_m = LEAST_GAP * event.r_m, event.gap_m
-    shift_m = float(gap_m.min() - least_m)
-    if shift_m <= 0:
-        return shift_m, 1.0
-    ego, follower = event.front_m[0, 0], event.front_m[0, 2]
-    apart_m = (1 + 2 * STARTS_APART) * event.r_m
-    room_m = sqrt(max(apart_m**2 - ego[1] ** 2, 0.0))
-    shift_m = min(shift_m, max(float(ego[0] - follower[0]) - room_m, 0.0))
-    travelled = event.front_m[:, 2, 0] - follower[0]
-    rolls = travelled > 1.0
-    if not rolls.any():
-        return shift_m, 1.0
-    factor = float(((gap_m - shift_m - least_m)[rolls] / travelled[rolls]).min())
-    return shift_m, 1 + min(max(factor, 0.0), FASTER)
+    missing_m = float(gap_m.min() - least_m)
+    if missing_m <= 0:
+        return missing_m, 1.0
+    travelled_m = event.front_m[:, 2, 0] - event.front_m[0, 2, 0]
+    rolls = travelled_m > 1.0
+    shift_m, factor = 0.0, 1.0
+    for _ in range(_ROUNDS):  # a faster follower starts further back
+        shift_m = min(missing_m, _furthest_m(event, factor))
+        if rolls.any():
+            more = float(((gap_m - shift_m - least_m)[rolls] / travelled_m[rolls]).min())
+            factor = 1 + min(max(more, 0.0), FASTER)
+    return shift_m, factor
+
+
+def _furthest_m(event: Event, factor: float) -> float:
+    """How far ahead the follower may start, so that the law can begin and cars can do what it asks for, m."""
+    ways_m = np.linspace(0, max(float(event.front_m[0, 0, 0] - event.front_m[0, 2, 0]), 0.0), _TRIED)
+    front_m = np.repeat(event.front_m[:1], len(ways_m), axis=0)
+    front_m[:, 2, 0] += ways_m
+    speed_mps = np.gradient(event.front_m[:3, :, 0], event.time_s[:3], axis=0)[:1] * (1.0, 1.0, factor)
+    asked_mps2 = barrier_mps2(front_m, speed_mps, event.r_m)
+    d_m = np.hypot(*(front_m[:, 0] - front_m[:, 2]).T) - event.r_m
+    most_mps2 = max(GENTLE_MPS2, event.first_mps2)
+    good = (d_m >= STARTS_APART * event.r_m) & (asked_mps2 <= most_mps2)
+    first_bad = int(np.argmin(good)) if not good.all() else len(good)
+    return float(ways_m[max(first_bad - 1, 0)])
 
 
 def moved(event: Event, shift_m: float, factor: float, step: float) -> Event:

@@ -32,6 +32,7 @@ from mjmerge.scenario.cars import sheet_of
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.metrics import find
 from mjmerge.scenario.schema import Models, Scenario
+from mjmerge.traffic.excerpt import MADE, Excerpt, ExcerptError, excerpt
 from mjmerge.vehicle.datasheet import DataSheet
 
 Source = str | Path | Mapping[str, Any]
@@ -76,6 +77,8 @@ def load(
     if isinstance(document.value, dict):
         for text in overrides:
             document.override(text)
+        if code:
+            _from_traffic(document, near)
         _let_in(document, near, code)
         _law(document, near, code)
 
@@ -149,7 +152,38 @@ def dump(scenario: Scenario) -> str:
 def json_schema(of: type[Frozen] = Scenario) -> str:
     """JSON Schema of scenario files, for editors; ``scenarios/schema.json`` is this text."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | of.model_json_schema()
+    recorded = schema.get("$defs", {}).get("Recorded")
+    if recorded is not None:  # its points may be written, or named in a file
+        part = Excerpt.model_json_schema()
+        own = {key: value for key, value in recorded["properties"].items() if key not in MADE}
+        named = {"properties": own | part["properties"], "required": ["kind", *part["required"]]}
+        schema["$defs"]["Recorded"] = {"anyOf": [recorded, recorded | named]}
     return json.dumps(schema, indent=2) + "\n"
+
+
+def _from_traffic(document: Document, near: Path | None) -> None:
+    """Puts a road user's motion in the place of the keys that name it in a file; problems are reported."""
+    drivers = document.value.get("drivers")
+    for car in in_order(drivers)[1:] if isinstance(drivers, dict) else ():
+        given, where = drivers.get(car), f"drivers.{car}"
+        if not isinstance(given, dict) or given.get("kind") != "recorded" or "file" not in given:
+            continue
+        part = {key: value for key, value in given.items() if key in Excerpt.model_fields}
+        both = [key for key in MADE if key in given]
+        for key in both:
+            document.report("is made from the file: give one of them", f"{where}.{key}")
+        found = None if both else validated_part(Excerpt, part, document, where)
+        drivers[car] = UNREADABLE
+        if found is None:
+            continue
+        try:
+            made = excerpt(found, near)
+        except ScenarioError as error:
+            document.problems += [replace(p, source=p.source or error.source) for p in error.problems]
+        except ExcerptError as error:
+            document.report(str(error), f"{where}.{error.key}")
+        else:
+            drivers[car] = {key: value for key, value in given.items() if key not in part} | made
 
 
 def _let_in(document: Document, near: Path | None, code: bool) -> None:

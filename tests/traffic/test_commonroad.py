@@ -1,6 +1,7 @@
 """CommonRoad files: every road user is accounted for, and what is wrong is told with its line."""
 
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjmerge.errors import ScenarioError
+from mjmerge.traffic.changes import lane_changes
 from mjmerge.traffic.commonroad import read_commonroad
 from tests.traffic.files import Car, bound, commonroad, lanelet, merging, obstacle, state, steady
 
@@ -210,6 +212,23 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path):
 def test_a_file_that_ends_anywhere_before_its_end_is_refused(tmp_path_factory, end):
     with pytest.raises(ScenarioError):
         read(tmp_path_factory.getbasetemp(), GOOD[:end])
+
+
+@settings(max_examples=40)
+@given(st.data())
+def test_a_file_that_was_damaged_anywhere_is_read_or_refused_and_nothing_else(tmp_path_factory, data):
+    text = GOOD
+    for _ in range(data.draw(st.integers(1, 4))):
+        start = data.draw(st.integers(0, len(text) - 1))
+        end = min(start + data.draw(st.integers(0, 60)), len(text))
+        put = data.draw(
+            st.sampled_from(["", "-1", "1e308", "nan", "<a>", "</", '"', "\0", "9" * 400, "\ud7ff", "&lt;"])
+        )
+        text = text[:start] + put + text[end:]
+    with suppress(ScenarioError):
+        found = read(tmp_path_factory.getbasetemp(), text)
+        assert found.road_users >= 1
+        list(lane_changes(found))
 
 
 @pytest.mark.parametrize(
