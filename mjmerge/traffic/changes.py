@@ -139,7 +139,7 @@ def _change(
                 f"{has_s:.1f} s {word} it; at least {least_s:.1f} s are needed",
             )
     others = sum(
-        other.step[-1] >= first and other.step[0] <= last
+        other.there(first, last)
         for other in traffic.tracks.values()
         if other.id not in (one.id, leader, follower)
     )
@@ -195,10 +195,10 @@ def _between(
     leader, follower = (traffic.tracks[name] for name in three[1:])
     found = []
     for other in traffic.tracks.values():
-        if other.id in three:
+        if other.id in three or not other.there(first, last):
             continue
         steps = np.arange(max(first, int(other.step[0])), min(last, int(other.step[-1])) + 1)
-        steps = steps[np.isin(other.lane[steps - other.step[0]], [*along.lanes])] if len(steps) else steps
+        steps = steps[np.isin(other.lane[steps - other.step[0]], [*along.lanes])]
         if not len(steps):
             continue
         x, x_1, x_2 = (along.place(car.at(steps))[:, 0] for car in (other, leader, follower))

@@ -46,6 +46,8 @@ class Frame:
     def place(self, points_m: Array) -> Array:
         """Along and across, m, of points in the plane, (..., 2)."""
         flat = points_m.reshape(-1, 2)
+        if len(flat) <= 512:
+            return self._place(flat).reshape(points_m.shape)
         found = np.concatenate([self._place(part) for part in np.array_split(flat, len(flat) // 512 + 1)])
         return found.reshape(points_m.shape)
 

@@ -92,6 +92,10 @@ class Track:
         """Whether it was seen from one time step to another, both included."""
         return bool(self.step[0] <= first and last <= self.step[-1])
 
+    def there(self, first: int, last: int) -> bool:
+        """Whether it was seen at some time between two time steps, both included."""
+        return bool(self.step[0] <= last and first <= self.step[-1])
+
 
 @dataclass(frozen=True)
 class Unused:
@@ -155,6 +159,8 @@ def read_bytes(path: Path, most_bytes: int, what: str, advice: str) -> bytes:
     """
     try:
         size = path.stat().st_size
+        if not path.is_file():  # opening a pipe would wait
+            refuse(path, [Problem("is no file")])
         if size > most_bytes:
             message = f"{size / 1e6:.0f} MB; {what} may have {most_bytes / 1e6:.0f} MB: {advice}"
             refuse(path, [Problem(message)])

@@ -1,5 +1,6 @@
 """CommonRoad files: every road user is accounted for, and what is wrong is told with its line."""
 
+import os
 import time
 from contextlib import suppress
 
@@ -257,6 +258,14 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path):
 def test_a_file_that_is_not_there_is_told(tmp_path):
     with pytest.raises(ScenarioError, match="cannot be read: No such file"):
         read_commonroad(tmp_path / "none.xml")
+
+
+def test_a_folder_or_a_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe.xml")
+    (tmp_path / "folder.xml").mkdir()
+    for name in ("pipe.xml", "folder.xml"):
+        with pytest.raises(ScenarioError, match="is no file"):
+            read_commonroad(tmp_path / name)
 
 
 def test_what_is_deeper_than_any_parser_goes_is_refused(tmp_path):
