@@ -87,12 +87,12 @@ def test_a_position_is_in_the_lane_whose_bounds_are_around_it(points):
 
 def test_where_lanes_overlap_a_car_stays_in_the_one_that_it_comes_from():
     lanes = {
-        "a": line("a", 0.0, 50.0, ("on",)),
-        "b": line("b", 0.0, 50.0, y_m=1.0),
-        "on": line("on", 50.0, 90.0),
         "off": line("off", 50.0, 90.0, y_m=0.5),
+        "b": line("b", 0.0, 50.0, y_m=1.0),
+        "a": line("a", 0.0, 50.0, ("on",)),
+        "on": line("on", 50.0, 90.0),
     }
-    x = np.arange(5.0, 80.0, 5.0)
-    found = located(np.stack([x, np.full(len(x), 0.5)], axis=1), lanes)
+    x = np.arange(5.0, 80.0, 5.0) + 1.0
+    found = located(np.stack([x, np.where(x < 15.0, -1.0, 0.5)], axis=1), lanes)
     assert set(found[x < 50]) == {"a"}
     assert set(found[x > 50]) == {"on"}
