@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import log, sqrt
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from mjmerge.vehicle.datasheet import DataSheet
 
 LIKE = "highway"
 """The shipped scenario whose law is taken, at the size of the cars."""
-MODELS = ("sedan", "van")
-"""Full-size cars that ship."""
+MODELS = ("sedan", "van", "rc")
+"""Cars that ship; the first is the one of that scenario."""
 STARTS_APART = 0.02
 """Of r: the least d_j(0)."""
 GENTLE_MPS2 = 4.0
@@ -207,8 +207,8 @@ def _start(front_m: Array, asked_mps2: Array, r_m: float, crossed: int) -> int |
 
 
 def _model(length_m: float) -> str:
-    """The shipped full-size model that is nearest in length."""
-    return min(MODELS, key=lambda name: abs(data_sheet(name).length_m - length_m))
+    """The shipped model that is nearest in length, by a factor."""
+    return min(MODELS, key=lambda name: abs(log(data_sheet(name).length_m / length_m)))
 
 
 def _slug(text: str) -> str:

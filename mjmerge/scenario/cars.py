@@ -60,7 +60,8 @@ def car_sheets(scenario: Scenario) -> list[DataSheet]:
 
 def on_plant(scenario: Scenario, plant: str) -> Scenario:
     """The scenario with its data sheets settled, whatever becomes of the models: mujoco's as its cars are."""
-    if scenario.sheets is None and plant in BODIES:
+    stretched = scenario.sheets is None or (scenario.models.resized and not any(misfits(scenario)))
+    if stretched and plant in BODIES:
         return scenario.with_sheets(tuple(map(data_sheet, scenario.car_models)))
     return scenario.with_sheets(tuple(car_sheets(scenario)))
 

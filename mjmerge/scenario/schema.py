@@ -121,9 +121,14 @@ class Models(PerCar):
 
     length_m: Lengths = Lengths()
     """How long each car is, nose to tail, m: its data sheet is stretched to that. On mujoco cars come as they
-    are: one that is off by more than a little is refused."""
+    are: one that is off by more than 15 % is refused."""
     width_m: Lengths = Lengths()
-    """How wide each car is, m; likewise."""
+    """How wide each car is, m; likewise, and nobody is refused for that."""
+
+    @property
+    def resized(self) -> bool:
+        """Whether some car is of another length or width than its data sheet has."""
+        return bool(self.length_m.said or self.width_m.said)
 
     def of(self, car: str) -> str:
         """The model of a car: ``rc`` where nothing is said."""

@@ -9,7 +9,7 @@ import numpy as np
 from mjmerge.errors import Problem
 from mjmerge.traffic.tracks import Track
 
-_MEDIAN_LENGTH_M = (2.0, 12.0)
+_MEDIAN_LENGTH_M = ((0.2, 0.9), (2.0, 12.0))  # of cars at 1/10 scale or so, and of cars
 _MEDIAN_OFF = (0.6, 1.6)
 _UNITS = {"feet": 1 / 0.3048, "metres where feet are meant": 0.3048, "km/h": 3.6, "mph": 2.237}
 
@@ -20,8 +20,7 @@ def doubts_of_units(tracks: Sequence[Track], step_s: float) -> list[Problem]:
     vehicles = [one for one in tracks if one.kind not in ("pedestrian", "bicycle", "motorcycle")]
     if vehicles:
         length = float(np.median([one.length_m for one in vehicles]))
-        low, high = _MEDIAN_LENGTH_M
-        if not low <= length <= high:
+        if not any(low <= length <= high for low, high in _MEDIAN_LENGTH_M):
             found.append(
                 Problem(f"half of all vehicles are {length:.3g} m long: are lengths in metres?", "length")
             )

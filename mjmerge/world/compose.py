@@ -73,7 +73,7 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
         physics_step_s=scenario.physics_step_s,
         substeps=scenario.substeps,
     )
-    if scenario.sheets is None or not (scenario.models.length_m.said or scenario.models.width_m.said):
+    if scenario.sheets is None or not scenario.models.resized:
         return world
     own = tuple(sheet.sized(1 / scenario.models.size) for sheet in scenario.sheets)
     return replace(world, sheets=own)

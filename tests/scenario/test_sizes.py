@@ -102,7 +102,20 @@ def test_a_car_that_is_far_off_is_refused_on_mujoco_with_the_nearest_model():
         check(plant, scenario)
     with pytest.raises(ModelError) as refused:
         check("mujoco", scenario)
-    one, two = str(refused.value).split("model is ")[1:]
-    assert one.startswith("van, 5.9 m; vehicle_2 is 4.7 m long, not 3.9 m")
-    assert two == "sedan, 4.7 m"
+    one, two = str(refused.value).splitlines()
+    assert one.startswith("models.length_m.vehicle_1: vehicle_1 is 4.7 m long, not 5.5 m as it should be")
+    assert "the nearest shipped model is van, 5.9 m" in one
+    assert "not 3.9 m" in two
+    assert "the nearest shipped model is sedan, 4.7 m" in two
     check("mujoco", highway("models.length_m={vehicle_1: 5.5}", "models.vehicle_1=van"))
+    check("mujoco", highway("models.length_m.vehicle_1=null", "models.width_m.vehicle_1=2.5"))
+
+
+def test_what_ran_on_an_ideal_plant_has_its_own_cars_on_mujoco_again():
+    ideal = on_plant(highway("models.length_m.vehicle_2=5.4"), "double_integrator")
+    assert car_sheets(on_plant(ideal, "bicycle"))[2].length_m == 5.4
+    assert car_sheets(on_plant(ideal, "mujoco")) == [SEDAN] * 3
+    physical = on_plant(highway("models.length_m.vehicle_2=5.4"), "mujoco")
+    assert (
+        car_sheets(on_plant(physical, "bicycle")) == [SEDAN] * 3
+    )  # beside a run on cars, its ideal has those

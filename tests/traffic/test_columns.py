@@ -1,6 +1,8 @@
 """Tables: the same traffic is the same in every format, and what is wrong is told with its line."""
 
+import re
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,21 +13,8 @@ from mjmerge.traffic.columns import column_map, maps, read_columns
 from mjmerge.traffic.read import read
 from tests.traffic.files import commonroad, highd, merging, ngsim, steady
 
-OWN = """\
-id: name
-time: ms
-time_s: 0.001
-step_s: 0.1
-along: s
-across: d
-across_to: left
-unit_m: 1
-reference: rear
-length: long
-width: wide
-lane: lane
-separator: ";"
-"""
+PAGE = (Path(__file__).parents[2] / "docs" / "traffic.md").read_text(encoding="utf-8")
+OWN = re.search(r"<!-- map -->\n```yaml\n(.*?)```", PAGE, re.DOTALL).group(1)
 
 
 def own(cars):
