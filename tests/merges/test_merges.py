@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import mjmerge
 from mjmerge.cli import main
 from mjmerge.config.document import parse
-from mjmerge.merges.event import event, margin_m
+from mjmerge.merges.event import GENTLE_MPS2, event, margin_m
 from mjmerge.merges.judged import merges
 from mjmerge.merges.margins import entered_s, margins
 from mjmerge.merges.scenario import scenario, written
@@ -112,6 +112,14 @@ def test_r_is_more_than_bodies_reach_in_one_lane_and_grows_with_their_lengths(le
     assert margin_m([body(4.7)] * 3) == pytest.approx(4.86)  # of the shipped scenario
 
 
+def asked_at_start_mps2(loaded):
+    """What the barrier of a scenario asks for at t = 0 against its follower."""
+    ego, _, follower = loaded.starts
+    apart = np.subtract(ego.front_m, follower.front_m)
+    rate_mps = apart[0] / np.hypot(*apart) * (ego.speed_mps - follower.speed_mps)
+    return loaded.law.k_o * abs(rate_mps) / (np.hypot(*apart) - loaded.r_m)
+
+
 @settings(max_examples=8)
 @given(st.floats(60, 90), st.floats(13.5, 15.5), st.integers(1, 4))
 def test_tightening_ends_at_the_least_gap_that_assumption_1_allows_and_each_step_is_a_scenario(
@@ -126,6 +134,7 @@ def test_tightening_ends_at_the_least_gap_that_assumption_1_allows_and_each_step
         assert not version.breaks
         loaded = mjmerge.load(scenario(version, traffic))
         np.testing.assert_allclose(loaded.law.r_m, one.r_m, rtol=1e-4)
+        assert asked_at_start_mps2(loaded) <= 1.01 * GENTLE_MPS2
         assert version.tightened in loaded.description
     assert (np.diff(gaps) < 0).all()
     if "drives 1.250 times" not in version.tightened:  # which is as much as a follower is driven faster
@@ -200,6 +209,8 @@ def test_cars_that_never_close_in_have_no_time_to_collision_and_those_beside_hav
     found = margins(t, np.stack([ego, leader, follower], axis=1), [body(5.0, 2.0, 1.0)] * 3, 5.0, 3.5)
     assert found.leader.bumper_m is None
     assert found.follower.time_gap_s is None
+    nearer = np.stack([ego + [[1.0, 0.0]] * np.linspace(0, 20, 41)[:, None], leader, follower], axis=1)
+    assert margins(t, nearer, [body(5.0, 2.0, 1.0)] * 3, 5.0, 3.5).leader.ttc_s is None
     ego[:, 1] = 0
     found = margins(t, np.stack([ego, leader, follower], axis=1), [body(5.0, 2.0, 1.0)] * 3, 5.0, 3.5)
     assert (found.leader.bumper_m, found.leader.ttc_s) == (pytest.approx(25.0), None)
