@@ -21,7 +21,7 @@ from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
 from mjmerge.record import FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
 from mjmerge.record.manifest import EXPLANATION
-from mjmerge.scenario.cars import car_sheets, codes
+from mjmerge.scenario.cars import car_sheets, codes, on_plant
 from mjmerge.scenario.distinct import random
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.load import dump
@@ -143,6 +143,7 @@ def run(
         from mjmerge.simulation.continuous import check as check_continuous  # scipy takes its time to import
 
         check_continuous(plant, scenario.law)
+    scenario = on_plant(scenario, plant)
     shown = live is not None or (folder is not None and record)
     world = build(scenario) if plant == "mujoco" or shown else None
     replaced = prepare(folder, replace, FILES) if folder is not None else False
@@ -185,7 +186,7 @@ def run(
         found["real_time_factor"] = float(ends_s(trace).sum()) / wall_s
         found["run_dir"] = None if folder is None else str(folder)
         found["versions"] = versions()
-        found |= _ground(scenario, plant, continuous)
+        found |= _ground(scenario, plant, found, continuous)
         found["distinct_runs"] = runs if random(scenario, plant, continuous=continuous) else 1
         why, unexplained = _why(trace) if explain else (None, [])
         for receiver in (recording, viewer):
@@ -233,10 +234,10 @@ def _provenance(cars: Sequence[Acceptance]) -> dict[str, Any]:
     return {c.model: {"state": c.state, "failed": list(c.failed), "versions": dict(c.versions)} for c in cars}
 
 
-def _ground(scenario: Scenario, plant: str, continuous: bool) -> dict[str, Any]:
+def _ground(scenario: Scenario, plant: str, found: Mapping[str, Any], continuous: bool) -> dict[str, Any]:
     """The part of the summary that says what its verdict stands on: the cars, and what is without effect."""
     known = _provenance(_accepted(scenario, plant))
-    return ground(scenario, plant, known, continuous=continuous)
+    return ground(scenario, plant, known, found, continuous=continuous)
 
 
 def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous: bool) -> Header:
@@ -316,7 +317,7 @@ def _record_again(
         )
         (verdict,) = judge(alone)
         found = summary(alone, [verdict], own.measured(alone))
-        found |= _ground(scenario, trace.plant, trace.continuous) | {"distinct_runs": 1}
+        found |= _ground(scenario, trace.plant, found, trace.continuous) | {"distinct_runs": 1}
         recording.close(_outcome(alone, verdict, found, why))
     return recording.failures
 

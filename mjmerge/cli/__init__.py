@@ -37,6 +37,7 @@ from mjmerge.cli.streams import standard
 from mjmerge.cli.survey import Survey
 from mjmerge.cli.sweep import Sweep
 from mjmerge.cli.theorem import Theorem
+from mjmerge.cli.traffic import Traffic
 from mjmerge.cli.verify import Verify
 from mjmerge.cli.video import Video
 from mjmerge.cli.view import View
@@ -52,6 +53,7 @@ COMMANDS: tuple[Any, ...] = (
     Explain,
     Probability,
     Harden,
+    Traffic,
     Check,
     Theorem,
     Survey,

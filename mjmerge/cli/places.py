@@ -103,6 +103,11 @@ def hardened_folder(scenario: str, plant: str, words: Sequence[str]) -> Path:
     return Path("hardened") / f"{scenario}-{plant}{slug(*words)}"
 
 
+def traffic_folder(file: Path, words: Sequence[str]) -> Path:
+    """Where the scenarios of a file of traffic go."""
+    return Path("traffic") / f"{slug(file.stem)[1:]}{slug(*words)}"
+
+
 def identified_folder(place: Path) -> Path:
     """Where what was measured of a car goes; one's own is told apart from a shipped one of that name."""
     own = shipped.models().get(place.name, place) != place

@@ -48,6 +48,7 @@ class Along:
         acceleration_mps2: intended, (N,).
         nose_m: how far the body reaches ahead of the front axle, by its data sheet; 0 for a point.
         tail_m: how far it reaches behind the front axle, likewise.
+        start_m: where its front axle was at t = 0, (N,).
     """
 
     position_m: Array
@@ -55,13 +56,20 @@ class Along:
     acceleration_mps2: Array
     nose_m: float = 0.0
     tail_m: float = 0.0
+    start_m: Number = 0.0
+
+    @property
+    def travelled_m(self) -> Array:
+        """How far it has come since t = 0, m, (N,)."""
+        return self.position_m - self.start_m
 
     def of(self, rows: Rows) -> Along:
         """The same in some simulations."""
         if isinstance(rows, slice):  # in all of them
             return self
         own = self.position_m[rows], self.speed_mps[rows], self.acceleration_mps2[rows]
-        return replace(self, position_m=own[0], speed_mps=own[1], acceleration_mps2=own[2])
+        start_m = self.start_m[rows] if isinstance(self.start_m, np.ndarray) else self.start_m
+        return replace(self, position_m=own[0], speed_mps=own[1], acceleration_mps2=own[2], start_m=start_m)
 
     def clear_to_m(self, ahead: Along) -> Array:
         """Free road from this car's nose to the tail of the one ahead, m, (N,); negative if they overlap."""

@@ -49,14 +49,14 @@ class Traffic:
     Attributes:
         drivers: of each neighbour, C-1 of them: those who are asked together, and what they drew.
         ahead: whom each follows, by its place among them; ``None`` for one that has nobody ahead.
-        lanes_m: where each neighbour's lane is across the road, m, (N, C-1).
+        starts_m: where each neighbour's front axle is at t = 0, m, (N, C-1, 2): across the road, its lane.
         sheets: each neighbour's data sheet: what drivers can know of how long the cars are.
         hold_s: how long an intention is held, s: the control step; 0 in continuous time.
     """
 
     drivers: tuple[tuple[Together, ...], ...]
     ahead: tuple[int | None, ...]
-    lanes_m: Array
+    starts_m: Array
     sheets: tuple[DataSheet, ...]
     hold_s: float
 
@@ -102,7 +102,7 @@ class Traffic:
                     for one in found
                 )
             )
-        return cls(tuple(asked), follows, starts_m[..., 1], tuple(sheets), hold_s)
+        return cls(tuple(asked), follows, starts_m, tuple(sheets), hold_s)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -115,7 +115,7 @@ class Traffic:
     def alone(self, run: int) -> Traffic:
         """The traffic of one of the simulations, all of which have the same drivers."""
         drivers = tuple(tuple(one.alone(run) for one in of_one) for of_one in self.drivers)
-        return replace(self, drivers=drivers, lanes_m=self.lanes_m[run : run + 1])
+        return replace(self, drivers=drivers, starts_m=self.starts_m[run : run + 1])
 
     def intend(self, cars: Cars, time_s: float) -> Array:
         """What the neighbours intend: their drivers decide along the road, lane keeping across it.
@@ -130,13 +130,13 @@ class Traffic:
             sheet, leader = self.sheets[j], self.ahead[j]
             nose_m, tail_m = sheet.front_overhang_m, sheet.length_m - sheet.front_overhang_m
             intended = u_j[:, j, 0]  # a view: holds the acceleration once it is decided
-            own = Along(p[:, j, 0], v[:, j, 0], intended, nose_m, tail_m)
+            own = Along(p[:, j, 0], v[:, j, 0], intended, nose_m, tail_m, self.starts_m[:, j, 0])
             for one in self.drivers[j]:
                 before = None if leader is None else decided[leader].of(one.rows)
                 asked = time_s, own.of(one.rows), before, one.drawn, self.hold_s
                 intended[one.rows] = ask(one.driver, "acceleration_mps2", *asked)
             decided[j] = own
-        u_j[..., 1] = keep_lane(self.lanes_m, p[..., 1], v[..., 1])
+        u_j[..., 1] = keep_lane(self.starts_m[..., 1], p[..., 1], v[..., 1])
         return u_j
 
     def stands(self, cars: Cars, time_s: float, u_j: Array) -> Mask:
@@ -144,7 +144,7 @@ class Traffic:
         p, v = cars.front_m[..., 0], cars.velocity_mps[..., 0]
         found = np.zeros(p.shape, dtype=bool)
         for j, of_one in enumerate(self.drivers):
-            own = Along(p[:, j + 1], v[:, j + 1], u_j[:, j, 0])
+            own = Along(p[:, j + 1], v[:, j + 1], u_j[:, j, 0], start_m=self.starts_m[:, j, 0])
             for one in of_one:
                 found[one.rows, j + 1] = ask(one.driver, "stands", time_s, own.of(one.rows), self.hold_s)
         return found

@@ -124,7 +124,7 @@ def what_follows(
     values = claimed_metrics(found, trace) | dict(metrics or {})
     expected = summary(trace, [verdict], values)
     accepted = found.manifest["acceptance"]
-    stands = ground(trace.scenario, trace.plant, accepted, continuous=trace.continuous)
+    stands = ground(trace.scenario, trace.plant, accepted, expected, continuous=trace.continuous)
     return expected | stands | {"distinct_runs": 1}
 
 

@@ -24,7 +24,7 @@ from mjmerge.record.read import Recorded, read
 from mjmerge.review.check import differing
 from mjmerge.review.claims import what_follows
 from mjmerge.review.recover import CUT_OFF
-from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.cars import on_plant
 from mjmerge.scenario.metrics import find, metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
@@ -261,14 +261,13 @@ def _world(found: Recorded, scenario: Scenario) -> World:
 def _other_world(found: Recorded, scenario: Scenario) -> bool | None:
     """Whether the models of these names give another world here, or have other data sheets."""
     try:
-        sheets = tuple(map(data_sheet, scenario.car_models))
-        world = build(scenario)
+        here = on_plant(scenario.with_sheets(None), str(found.manifest["plant"]))
+        world = build(here)
     except UnknownNameError:
         return None
     except MjmergeError:  # they are here, and no longer what they must be
         return True
-    sized = tuple(sheet.sized(scenario.models.size) for sheet in sheets)
-    return found.world_xml != world.xml or found.sheets() != sized
+    return found.world_xml != world.xml or found.sheets() != here.sheets
 
 
 def _claims(found: Recorded, again: Trace, metrics: Mapping[str, Array]) -> list[str]:

@@ -16,13 +16,14 @@ import numpy as np
 
 from mjmerge.config.bounds import MOST_METRICS, MOST_ROWS, MOST_TICKS
 from mjmerge.drivers import ahead, ask, kinds
+from mjmerge.drivers.recorded import Recorded
 from mjmerge.errors import Problem, nearest
 from mjmerge.law import Law
 from mjmerge.law.asked import problems
 from mjmerge.roster import EGO, neighbour, roster
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.ramp import EDGE_DISTANCE, END_DISTANCE, Ramp
-from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Models, Road
+from mjmerge.scenario.schema import Drivers, Expect, GateRow, Initial, Lengths, Models, Road
 from mjmerge.scenario.space import Space
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -249,6 +250,18 @@ def _drivers(drivers: Drivers) -> Iterator[Problem]:
             yield Problem(message, f"drivers.{car}.{key}")
 
 
+def _records(initial: Initial, drivers: Drivers, duration_s: float) -> Iterator[Problem]:
+    """Every record lasts as long as the run, and begins as its car does."""
+    there = {*roster().neighbours, *drivers.further}
+    for car in (c for c in initial.roster.neighbours if c in there):
+        driver = getattr(drivers, car)
+        if not isinstance(driver, Recorded) or any(driver.problems()):
+            continue
+        keys = {"duration": "duration_s", "speed": f"initial.{car}.speed_mps"}
+        for what, message in driver.fits(getattr(initial, car).speed_mps, duration_s):
+            yield Problem(f"{car}: {message}", keys[what])
+
+
 def _ahead(
     initial: Initial, law: Law, drivers: Drivers, sheets: Mapping[str, DataSheet]
 ) -> Iterator[Problem]:
@@ -281,9 +294,11 @@ def _driven(initial: Initial, drivers: Drivers) -> Iterator[Problem]:
 def _modelled(initial: Initial, models: Models) -> Iterator[Problem]:
     """Nobody else has a model."""
     yield from _nowhere(initial, models, "models")
+    yield from _nowhere(initial, models.length_m, "models.length_m")
+    yield from _nowhere(initial, models.width_m, "models.width_m")
 
 
-def _nowhere(initial: Initial, section: Drivers | Models, key: str) -> Iterator[Problem]:
+def _nowhere(initial: Initial, section: Drivers | Models | Lengths, key: str) -> Iterator[Problem]:
     for car in (c for c in section.further if c not in initial.further):
         yield Problem(f"there is no {car} under initial: nobody knows where it starts", f"{key}.{car}")
 
@@ -329,6 +344,7 @@ _CHECKS = (
     _ends,
     _ahead,
     _drivers,
+    _records,
     _metrics,
     _bounds,
     _gate,

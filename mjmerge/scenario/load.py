@@ -28,12 +28,13 @@ from mjmerge.law.asked import rehearse
 from mjmerge.law.outside import GROUP as LAWS
 from mjmerge.law.outside import brought as law_brought
 from mjmerge.roster import in_order
-from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.cars import sheet_of
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.metrics import find
 from mjmerge.scenario.ramp import Ramp
 from mjmerge.scenario.schema import Models, Scenario
 from mjmerge.state import Cars
+from mjmerge.traffic.excerpt import MADE, Excerpt, ExcerptError, excerpt
 from mjmerge.vehicle.datasheet import DataSheet
 
 Source = str | Path | Mapping[str, Any]
@@ -78,6 +79,8 @@ def load(
     if isinstance(document.value, dict):
         for text in overrides:
             document.override(text)
+        if code:
+            _from_traffic(document, near)
         _let_in(document, near, code)
         _law(document, near, code)
 
@@ -125,7 +128,7 @@ def _check_texts(given: object) -> None:
 def dump(scenario: Scenario) -> str:
     """The scenario as YAML with every default written out; loading it gives an equal scenario.
 
-    But for metrics, a search and the end of a lane, which are not named where there are none.
+    But for metrics, a search, the end of a lane and lengths of cars: they are not named where there are none.
     """
     yaml = YAML(typ="safe", pure=True)
     yaml.Representer = _Representer
@@ -133,6 +136,9 @@ def dump(scenario: Scenario) -> str:
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
     yaml.width = 2**31
     plain = scenario.model_dump(mode="json")
+    for asked in ("length_m", "width_m"):
+        if not getattr(scenario.models, asked).said:
+            del plain["models"][asked]
     for section in (plain, plain["expect"], *plain["gate"]):
         if not section["metrics"]:
             del section["metrics"]
@@ -149,7 +155,38 @@ def dump(scenario: Scenario) -> str:
 def json_schema(of: type[Frozen] = Scenario) -> str:
     """JSON Schema of scenario files, for editors; ``scenarios/schema.json`` is this text."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | of.model_json_schema()
+    recorded = schema.get("$defs", {}).get("Recorded")
+    if recorded is not None:  # its points may be written, or named in a file
+        part = Excerpt.model_json_schema()
+        own = {key: value for key, value in recorded["properties"].items() if key not in MADE}
+        named = {"properties": own | part["properties"], "required": ["kind", *part["required"]]}
+        schema["$defs"]["Recorded"] = {"anyOf": [recorded, recorded | named]}
     return json.dumps(schema, indent=2) + "\n"
+
+
+def _from_traffic(document: Document, near: Path | None) -> None:
+    """Puts a road user's motion in the place of the keys that name it in a file; problems are reported."""
+    drivers = document.value.get("drivers")
+    for car in in_order(drivers)[1:] if isinstance(drivers, dict) else ():
+        given, where = drivers.get(car), f"drivers.{car}"
+        if not isinstance(given, dict) or given.get("kind") != "recorded" or "file" not in given:
+            continue
+        part = {key: value for key, value in given.items() if key in Excerpt.model_fields}
+        both = [key for key in MADE if key in given]
+        for key in both:
+            document.report("is made from the file: give one of them", f"{where}.{key}")
+        found = None if both else validated_part(Excerpt, part, document, where)
+        drivers[car] = UNREADABLE
+        if found is None:
+            continue
+        try:
+            made = excerpt(found, near)
+        except ScenarioError as error:
+            document.problems += [replace(p, source=p.source or error.source) for p in error.problems]
+        except ExcerptError as error:
+            document.report(str(error), f"{where}.{error.key}")
+        else:
+            drivers[car] = {key: value for key, value in given.items() if key not in part} | made
 
 
 def _let_in(document: Document, near: Path | None, code: bool) -> None:
@@ -235,7 +272,7 @@ def _models(
         try:
             folder = str(shipped.model_folder(name, near))
             names[car] = name if name in shipped.models() else folder
-            sheets[car] = data_sheet(names[car]).sized(models.size)
+            sheets[car] = sheet_of(models.model_copy(update={car: names[car]}), car)
         except (ModelError, UnknownNameError) as error:
             document.report(str(error), f"models.{car}")
         except ScenarioError as error:

@@ -82,6 +82,31 @@ class Drivers(PerCar):
     vehicle_2: DriverSpec
 
 
+Length = Annotated[float, Field(gt=0, le=1000)]
+_OF_CAR = Unit(1, 0)
+
+
+class Lengths(PerCar):
+    """A length of each car's body where it is not that of its model's data sheet, m; null = data sheet."""
+
+    __pydantic_extra__: dict[Further, Length]
+
+    ego: Annotated[Length | None, _OF_CAR] = None
+    vehicle_1: Annotated[Length | None, _OF_CAR] = None
+    vehicle_2: Annotated[Length | None, _OF_CAR] = None
+
+    def of(self, car: str) -> float | None:
+        """That of a car, m; ``None`` where nothing is said."""
+        found: float | None = getattr(self, car, None)
+        return found
+
+    @property
+    def said(self) -> dict[str, float]:
+        """Those that are said, by car, m."""
+        every = {car: self.of(car) for car in (*type(self).model_fields, *self.further)}
+        return {car: length_m for car, length_m in every.items() if length_m is not None}
+
+
 class Models(PerCar):
     """The car model of each car; ``mjmerge list models`` shows them."""
 
@@ -93,6 +118,17 @@ class Models(PerCar):
     size: Annotated[float, Field(gt=0), Unit(1, 0)] = 1.0
     """Lengths of the cars over those of their data sheets. Only ideal plants have cars of any size: mujoco's
     come as they are."""
+
+    length_m: Lengths = Lengths()
+    """How long each car is, nose to tail, m: its data sheet is stretched to that. On mujoco cars come as they
+    are: one that is off by more than 15 % is refused."""
+    width_m: Lengths = Lengths()
+    """How wide each car is, m; likewise, and nobody is refused for that."""
+
+    @property
+    def resized(self) -> bool:
+        """Whether some car is of another length or width than its data sheet has."""
+        return bool(self.length_m.said or self.width_m.said)
 
     def of(self, car: str) -> str:
         """The model of a car: ``rc`` where nothing is said."""
@@ -305,10 +341,13 @@ class Scenario(Frozen):
             return None
         return self._recorded[1]
 
-    def with_sheets(self, sheets: tuple[DataSheet, ...]) -> Scenario:
-        """The same scenario with data sheets of its own, (C,): whatever has become of the models' files."""
+    def with_sheets(self, sheets: tuple[DataSheet, ...] | None) -> Scenario:
+        """The same scenario with data sheets of its own, (C,): whatever has become of the models' files.
+
+        With ``None`` the models are to be asked again.
+        """
         copy = self.model_copy()
-        copy._recorded = (self.models, sheets)
+        copy._recorded = None if sheets is None else (self.models, sheets)
         return copy
 
     @property

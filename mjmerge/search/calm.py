@@ -16,6 +16,7 @@ from mjmerge.config.doors import from_outside
 from mjmerge.drivers import Driver, ahead
 from mjmerge.drivers.flips import Flips
 from mjmerge.drivers.gap import Gap, Move, Sway
+from mjmerge.drivers.recorded import Recorded
 from mjmerge.drivers.speeds import Change, Speeds
 from mjmerge.drivers.steady import Steady
 from mjmerge.scenario.cars import car_sheets
@@ -79,6 +80,8 @@ def said(who: str, key: str, value: Any) -> str:
         return f"{who} sways by {value.amplitude_m:g} m, every {value.period_s:g} s"
     if isinstance(value, Flips):
         return f"{who} flips between gaps of {value.closed_gap_m:g} m and {value.open_gap_m:g} m"
+    if isinstance(value, Recorded):
+        return f"{who} drives as recorded"
     if isinstance(value, Driver):
         place, _, name = str(value.kind).rpartition(":")
         kind = f"{Path(place).name}:{name}" if from_outside(value.kind) else value.kind

@@ -358,7 +358,7 @@ def solve(
     """
     check(plant, scenario.law)
     solutions: list[Solution] = []
-    runs = len(traffic.lanes_m)
+    runs = len(traffic.starts_m)
 
     def report(t: float) -> None:
         if progress is not None:

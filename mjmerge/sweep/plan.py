@@ -13,7 +13,8 @@ from mjmerge.config.document import Document, parse, scalar
 from mjmerge.config.read import raise_problems, validated
 from mjmerge.errors import Problem, ScenarioError
 from mjmerge.plant import check as check_plant
-from mjmerge.scenario.cars import data_sheet
+from mjmerge.roster import EGO
+from mjmerge.scenario.cars import sheet_of
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.distinct import labels, same_as
 from mjmerge.scenario.effect import covers, defaults, given_in_vain
@@ -285,5 +286,5 @@ def given(texts: Sequence[str]) -> dict[str, Any]:
 
 def size_of(scenario: Scenario) -> Literal["rc", "full"]:
     """Which size of car the levels of mismatch are to be those of."""
-    wheelbase_m = data_sheet(scenario.models.ego).sized(scenario.models.size).wheelbase_m
+    wheelbase_m = sheet_of(scenario.models, EGO).wheelbase_m
     return "full" if wheelbase_m >= FULL_SIZE_M else "rc"

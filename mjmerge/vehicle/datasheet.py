@@ -19,6 +19,10 @@ class Axles(Frozen):
     rear: Positive
 
 
+_ALONG = ("length_m", "front_overhang_m", "wheelbase_m", "com_behind_front_axle_m")
+_ACROSS = ("width_m", "track_m")
+
+
 class DataSheet(Frozen):
     """``models/<name>/datasheet.yaml``. The law and the actuation believe this, never the MJCF."""
 
@@ -73,6 +77,20 @@ class DataSheet(Frozen):
         """The sheet of a car whose lengths are ``size`` times these; masses, torques and rates stay."""
         lengths = [n for n in type(self).model_fields if n.endswith("_m") and not n.endswith("_n_m")]
         return self.model_copy(update={name: size * getattr(self, name) for name in lengths})
+
+    def stretched(self, length_m: float | None, width_m: float | None) -> DataSheet:
+        """The sheet of a car of another length or width, with its axles in proportion; all else stays.
+
+        Args:
+            length_m: of the body, m; ``None``: its own.
+            width_m: of the body, m; likewise.
+        """
+        update: dict[str, float] = {}
+        for names, whole_m in ((_ALONG, length_m), (_ACROSS, width_m)):
+            if whole_m is not None:
+                own_m = getattr(self, names[0])
+                update |= {name: whole_m * (getattr(self, name) / own_m) for name in names}
+        return self.model_copy(update=update)
 
     @property
     def effective_mass_kg(self) -> float:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mjmerge.config.acts import BODIES
+from mjmerge.scenario.cars import misfits
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import Trace
@@ -20,6 +22,7 @@ from mjmerge.verdict.decision import decision
 from mjmerge.verdict.hypotheses import asked
 from mjmerge.verdict.judge import VERDICTS, Verdict
 from mjmerge.verdict.metrics import merged_at_s, saturated, turned_rad
+from mjmerge.verdict.records import sentence, strays
 
 if TYPE_CHECKING:
     pass
@@ -100,6 +103,7 @@ def summary(
         ],
         "duration_s": number(float(ends_s(trace).max())),
         **_end(trace, verdicts),
+        **_strays(trace),
         **_own(trace, metrics or {}, run),
     }
 
@@ -122,6 +126,15 @@ def _end(trace: Trace, verdicts: Sequence[Verdict]) -> dict[str, Any]:
         "min_edge_distance_m": number(_least(trace.least_m[:, -1:])[0]),
         "edge_floor_m": trace.scenario.expect.min_edge_distance_m.at_least,
     }
+
+
+def _strays(trace: Trace) -> dict[str, Any]:
+    """How far neighbours stray from their records, in all simulations; nothing where none has one."""
+    found = {
+        car: {"usual_m": number(one.usual_m), "most_m": number(one.most_m), "within": one.within}
+        for car, one in strays(trace).items()
+    }
+    return {"strays": found} if found else {}
 
 
 def _own(trace: Trace, values: Mapping[str, Array], run: int) -> dict[str, Any]:
@@ -160,7 +173,12 @@ def _own(trace: Trace, values: Mapping[str, Array], run: int) -> dict[str, Any]:
 
 
 def ground(
-    scenario: Scenario, plant: str, accepted: Mapping[str, Mapping[str, Any]], *, continuous: bool
+    scenario: Scenario,
+    plant: str,
+    accepted: Mapping[str, Mapping[str, Any]],
+    found: Mapping[str, Any],
+    *,
+    continuous: bool,
 ) -> dict[str, Any]:
     """The part of a summary that says what its verdict stands on: the cars, and what is without effect.
 
@@ -168,11 +186,15 @@ def ground(
         scenario: what ran.
         plant: what moved the cars.
         accepted: what is known of each physical model's acceptance tests, as recorded, by its name.
+        found: what :func:`summary` found.
         continuous: whether in continuous time.
     """
     idle = told(scenario, plant, continuous=continuous)
     cars = [Acceptance(name, known["state"], tuple(known["failed"])) for name, known in accepted.items()]
     doubts = [car.sentence for car in cars if car.sentence]
+    doubts += [sentence(car, one) for car, one in found.get("strays", {}).items() if not one["within"]]
+    if plant in BODIES:
+        doubts += [one.sentence for one in misfits(scenario)]
     doubts += [f"the scenario's {key} is without effect: it {why}" for key, why in idle.items()]
     return {"verdict_doubts": doubts, "no_effect": list(idle), "acceptance": dict(accepted)}
 

@@ -7,6 +7,7 @@ from math import degrees
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.verdict.metrics import MERGED_M, TURNED_RAD
+from mjmerge.verdict.records import sentence
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -50,6 +51,8 @@ def table(found: dict[str, Any]) -> Table:
     grid.add_row("saturated", ", ".join(busy) or "never")
     grid.add_row("hypotheses", _broken(found["hypotheses"]))
     grid.add_row("decision", _hesitation(found["decision"]))
+    if "strays" in found:
+        grid.add_row("records", "; ".join(sentence(car, one) for car, one in found["strays"].items()))
     for name in found.get("metrics", ()):
         grid.add_row(escape(name), _own(found, name))
     if found.get("distinct_runs", found["runs"]) < found["runs"]:

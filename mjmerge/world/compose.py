@@ -64,7 +64,7 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
         ModelError: a car model lacks something, or the composition lost an option.
     """
     mismatch = mismatch or (scenario.mismatch,)
-    return _made(
+    world = _made(
         dict(zip(scenario.roster.cars, scenario.car_models, strict=True)),
         tuple(markings(scenario)),
         {"ego": max(m.command_delay_s for m in mismatch)},
@@ -73,6 +73,10 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
         physics_step_s=scenario.physics_step_s,
         substeps=scenario.substeps,
     )
+    if scenario.sheets is None or not scenario.models.resized:
+        return world
+    own = tuple(sheet.sized(1 / scenario.models.size) for sheet in scenario.sheets)
+    return replace(world, sheets=own)
 
 
 def single(model: str, *, delays_s: Mapping[str, float] | None = None, **options: Any) -> World:

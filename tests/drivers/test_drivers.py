@@ -21,9 +21,10 @@ from mjmerge.scenario.load import load
 
 
 def example(kind):
-    """A driver of a kind with 2.0 for every key that has no default."""
+    """A driver of a kind with 2.0 for every number that has no default."""
     fields = kinds()[kind].model_fields
-    return kinds()[kind](**{name: 2.0 for name, f in fields.items() if f.is_required()})
+    lists = {"time_s": (0.0, 2.0), "travelled_m": (0.0, 2.0)}
+    return kinds()[kind](**{name: lists.get(name, 2.0) for name, f in fields.items() if f.is_required()})
 
 
 def generators(seeds):

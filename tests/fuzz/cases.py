@@ -222,6 +222,7 @@ COMMANDS = (
     "explain charge --plant double_integrator --seed 1",
     "probability charge --plant bicycle --below 0 --seed 1 --method montecarlo --out out",
     "harden charge --plant double_integrator --seed 1 --out out",
+    "traffic case.xml --map ngsim --tighten 1 --plant bicycle --out out",
     "list all",
     "schema scenario",
     "check --junit out.xml --threads 1",

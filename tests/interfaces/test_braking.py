@@ -41,4 +41,4 @@ def test_a_follower_is_refused_for_the_car_that_is_first(kind, name):
         load(name, [f"drivers.vehicle_1={{kind: {kind}, {keys}}}"])
     (problem,) = refused.value.problems
     assert problem.key == "drivers.vehicle_1.kind"
-    assert "nobody ahead of it; kinds that can lead: idm, speeds, steady" in problem.message
+    assert "nobody ahead of it; kinds that can lead: idm, recorded, speeds, steady" in problem.message

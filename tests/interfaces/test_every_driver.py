@@ -20,6 +20,8 @@ from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
 
 DURATION_S = 10.0
+LISTS = {"time_s": [0.0, 0.2, 0.5, 7.0, 8.0], "travelled_m": [0.0, 0.4, 1.0, 9.0, 9.0]}
+"""Keys that are no numbers, of a car that begins at 2 m/s and stands in the end."""
 
 
 def driven(keys: str) -> Scenario:
@@ -28,8 +30,8 @@ def driven(keys: str) -> Scenario:
 
 
 def shipped(kind: str) -> str:
-    """A driver of a kind with 2.0 for every key that has no default."""
-    given = {name: 2.0 for name, f in kinds()[kind].model_fields.items() if f.is_required()}
+    """A driver of a kind with 2.0 for every number that has no default."""
+    given = {name: LISTS.get(name, 2.0) for name, f in kinds()[kind].model_fields.items() if f.is_required()}
     return str({"kind": kind} | given)
 
 

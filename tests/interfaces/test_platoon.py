@@ -44,7 +44,9 @@ def test_nobody_is_hit_whichever_gap_it_goes_for(gap, long):
 def folder(tmp_path_factory):
     """A run of nine cars in its folder."""
     folder = tmp_path_factory.mktemp("nine") / "run"
-    run(load("platoon_8_small", ["duration_s=2.6", "control_step_s=0.02"]), "double_integrator", folder=folder)
+    run(
+        load("platoon_8_small", ["duration_s=2.6", "control_step_s=0.02"]), "double_integrator", folder=folder
+    )
     return folder
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from mjmerge import MjmergeError, judge, load, simulate
 from mjmerge.drivers import Along, kinds
+from mjmerge.drivers.recorded import Recorded
 from mjmerge.simulation import continuous
 from mjmerge.simulation.trace import COLUMNS
 from tests.paper.reference import solve
@@ -235,6 +236,7 @@ def test_drivers_name_every_time_at_which_they_jump(kind):
         "steady": load("paper").drivers.vehicle_1,
         "speeds": load("stop_and_go").drivers.vehicle_1,
         "idm": load("stop_and_go").drivers.vehicle_2,
+        "recorded": Recorded(time_s=(0.0, 1.0, 4.0, 9.0, 30.0), travelled_m=(0.0, 2.0, 6.0, 6.0, 20.0)),
     }[kind]
     drawn = driver.draw([np.random.default_rng(1)], 30.0)
     own, leader = (Along(np.array([x]), np.array([v]), np.zeros(1)) for x, v in ((-2.0, 2.0), (0.0, 2.05)))

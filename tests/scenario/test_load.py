@@ -158,7 +158,7 @@ MALFORMED = {
         "    kind: gap\n",
         "",
         "drivers.vehicle_2.kind",
-        "missing; one of flips, gap, idm, speeds, steady",
+        "missing; one of flips, gap, idm, recorded, speeds, steady",
         "  vehicle_2:\n",
     ),
     "driver as text": (
@@ -272,7 +272,7 @@ MALFORMED = {
         "{kind: steady, speed_mps: 2.0}",
         "{kind: gap, gap_m: 2}",
         "drivers.vehicle_1.kind",
-        "'gap' follows the car ahead, and vehicle_1 has nobody ahead of it; kinds that can lead: idm, speeds",
+        "'gap' follows the car ahead, and vehicle_1 has nobody ahead of it; kinds that can lead: idm",
         "{kind: gap, gap_m: 2}",
     ),
     "overlapping changes of speed": (

@@ -1,0 +1,1 @@
+"""Lane changes of recorded traffic as scenarios: written, tightened, run, and the law beside the human."""
