@@ -105,7 +105,7 @@ def test_a_search_counts_what_is_left_to_the_edge_and_names_who_runs_off(off):
     assert (safe.kind, safe.least_m) == (None, min(safe.min_distance_m, ends["edge_distance_m"].min()))
 
 
-def test_a_law_that_keeps_off_the_road_for_no_reason_is_refuted(off):
+def test_a_law_that_is_told_of_the_end_and_runs_off_all_the_same_is_refuted(off):
     """Whoever is told of the end, has a barrier against it and runs off all the same, refutes it."""
     told = replace(off, scenario=load("ramp_blocked", [COARSE, "duration_s=9"]))
     (verdict,) = judge(told)
