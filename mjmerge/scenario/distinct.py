@@ -80,7 +80,7 @@ def _content(batch: Batch) -> str:
     plain: dict[str, Any] = {
         "description": "",
         "gate": (),
-        "road": Road(),
+        "road": Road() if scenario.road.ends_m is None else scenario.road,
         "mismatch": Mismatch(),
         "belief": scenario.belief.model_copy(update=believed),
         "models": scenario.models.model_copy(update=where),

@@ -13,12 +13,14 @@ from mjmerge.law import Sensed, decided, kinds, remembered
 from mjmerge.review.replay import replay
 from mjmerge.review.verify import verify
 from mjmerge.run import run
+from mjmerge.scenario.distinct import same_as
 from mjmerge.scenario.load import load
 from mjmerge.scenario.ramp import Ramp
 from mjmerge.search.margin import KINDS, margin
 from mjmerge.simulation.each import simulate_each
 from mjmerge.simulation.loop import simulate
 from mjmerge.state import Cars
+from mjmerge.sweep.plan import Batches
 from mjmerge.sweep.rows import OF_THE_END, rows
 from mjmerge.verdict.judge import BROKEN, HELD, REFUTED, judge
 from mjmerge.verdict.metrics import events
@@ -105,7 +107,7 @@ def test_a_search_counts_what_is_left_to_the_edge_and_names_who_runs_off(off):
     assert (safe.kind, safe.least_m) == (None, min(safe.min_distance_m, ends["edge_distance_m"].min()))
 
 
-def test_a_law_that_keeps_off_the_road_for_no_reason_is_refuted(off):
+def test_a_law_that_is_told_of_the_end_and_runs_off_all_the_same_is_refuted(off):
     """Whoever is told of the end, has a barrier against it and runs off all the same, refutes it."""
     told = replace(off, scenario=load("ramp_blocked", [COARSE, "duration_s=9"]))
     (verdict,) = judge(told)
@@ -117,6 +119,13 @@ def test_a_law_that_keeps_off_the_road_for_no_reason_is_refuted(off):
     misled = np.where(between[:, None], off.sensed_distance_m[0] + 0.1, off.sensed_distance_m[0])
     (excused,) = judge(replace(told, sensed_distance_m=misled[None]))
     assert (excused.verdict, excused.matters.hypothesis) == (BROKEN, "distances known")
+
+
+def test_what_the_law_is_told_of_the_end_makes_another_run_and_the_width_of_a_lane_that_goes_on_does_not():
+    made = Batches()
+    told, untold = (made.case("ramp_blocked", IDEAL, {"road.told": of}) for of in ("obstacle", "nothing"))
+    narrow, wide = (made.case("charge", IDEAL, {"road.lane_width_m": of}) for of in (1.0, 1.2))
+    assert same_as([told, untold, narrow, wide]) == (0, 1, 2, 2)
 
 
 def test_without_an_end_nothing_is_said_of_one():
