@@ -167,6 +167,27 @@ def test_points_are_folded_back_into_the_cube():
     assert ((far >= 0) & (far <= 1)).all()
 
 
+def searched(cost, batches, size=3, seed=0):
+    """The batches that CMA-ES asks for, each (M, D)."""
+    method, asked = methods.Cma(size, seed), []
+    for _ in range(batches):
+        asked.append(method.ask())
+        method.tell([cost(point) for point in asked[-1]])
+    return asked
+
+
+def test_a_method_starts_at_the_best_of_what_was_drawn_and_begins_anew_when_it_is_still():
+    goal = np.array([0.4, 0.6, 0.5])
+    asked = searched(lambda point: float(np.linalg.norm(point - goal)), 60)
+    drawn = np.concatenate(asked[:4])
+    best = drawn[np.argmin(np.linalg.norm(drawn - goal, axis=1))]
+    assert np.abs(asked[4].mean(axis=0) - best).max() < 0.15
+    spread = np.array([batch.std(axis=0).max() for batch in asked])
+    still = int(np.argmax(spread < 0.01))
+    assert still > 4, "it comes to an end"
+    assert spread[still:].max() > 0.05, "and begins with a wide one"
+
+
 def test_a_method_finds_a_small_corner_that_random_draws_miss():
     def runs(method: str, seed: int) -> int:
         asked, most = methods.METHODS[method](10, seed), 1200
