@@ -63,9 +63,9 @@ def brought(text: str) -> None:
 
 def queue(keys: str) -> int:
     """A scenario of one's own whose Vehicle 1 has these keys; the line that they stand in."""
-    text = make("scenario", "queue", Path()).read_text()
+    text = make("scenario", "waiting", Path()).read_text()
     old = "vehicle_1: {kind: steady, speed_mps: 1.5}"
-    Path("queue.yaml").write_text(text.replace(old, f"vehicle_1: {{{keys}}}"))
+    Path("waiting.yaml").write_text(text.replace(old, f"vehicle_1: {{{keys}}}"))
     return next(i for i, row in enumerate(text.splitlines(), 1) if old in row)
 
 
@@ -99,12 +99,12 @@ def test_it_drives_in_continuous_time_at_another_size_and_again_from_its_resolve
 def test_a_file_beside_the_scenario_is_meant_from_wherever_the_command_runs(
     here, tmp_path_factory, monkeypatch
 ):
-    text = Path(make("scenario", "queue", here)).read_text()
-    (here / "queue.yaml").write_text(
+    text = Path(make("scenario", "waiting", here)).read_text()
+    (here / "waiting.yaml").write_text(
         text.replace("vehicle_1: {kind: steady, speed_mps", "vehicle_1: {kind: 'mine.py:Mine', speed_mps")
     )
     monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
-    assert load(here / "queue.yaml").drivers.vehicle_1.kind == f"{here / 'mine.py'}:Mine"
+    assert load(here / "waiting.yaml").drivers.vehicle_1.kind == f"{here / 'mine.py'}:Mine"
 
 
 def test_a_module_on_the_import_path_is_meant_by_its_name(here, monkeypatch):
@@ -134,11 +134,11 @@ def test_it_drives_in_worker_processes_and_the_gate(here):
     many("bicycle", 3)
     assert command("sweep", "many.yaml", "--workers", "2", "--out", "swept") == 0
     assert pq.read_table("swept/table.parquet").num_rows == 3
-    text = Path(make("scenario", "queue", here)).read_text()
-    Path("queue.yaml").write_text(
+    text = Path(make("scenario", "waiting", here)).read_text()
+    Path("waiting.yaml").write_text(
         text.replace("{kind: steady, speed_mps", "{kind: 'mine.py:Mine', speed_mps")
     )
-    assert command("check", "queue.yaml", "--update") == 0
+    assert command("check", "waiting.yaml", "--update") == 0
 
 
 def test_a_recording_carries_its_code_and_nothing_of_it_is_run_to_verify_it(here):
@@ -304,7 +304,7 @@ def test_a_number_that_is_none_ends_the_run_and_is_no_verdict(here):
 def test_a_wrong_name_or_key_is_told_with_its_line_before_anything_runs(here, keys, key, says):
     line = queue(keys)
     with pytest.raises(ScenarioError) as refused:
-        load(here / "queue.yaml")
+        load(here / "waiting.yaml")
     problems = [p for p in refused.value.problems if says in p.message]
     assert [(p.key, p.line) for p in problems] == [(f"drivers.vehicle_1.{key}", line)]
 

@@ -83,10 +83,10 @@ def law(body: str, head: str = "def mine(seen, memory, dt):") -> None:
 
 def queue() -> None:
     """A scenario of one's own whose law is this."""
-    make("scenario", "queue", Path())
-    text = Path("queue.yaml").read_text()
+    make("scenario", "waiting", Path())
+    text = Path("waiting.yaml").read_text()
     text = text.replace("\nduration_s: 20", "\nduration_s: 9\nphysics_step_s: 0.002")
-    Path("queue.yaml").write_text(
+    Path("waiting.yaml").write_text(
         re.sub(r"\nlaw:.*\n", "\nlaw:\n  kind: 'mine.py:mine'\n", text).replace("  r_eta_m", "  # r_eta_m")
     )
 
@@ -233,8 +233,8 @@ def test_ladder_break_check_list_and_view_take_it(here, capsys):
     quick = "--set", "duration_s=0.3", "--set", OURS, "--plant", "bicycle"
     assert command("sweep", *axis, *quick, "--out", "break") in (0, 1)
     queue()
-    assert command("check", "queue.yaml", "--update") == 0
-    assert command("check", "queue.yaml") == 0
+    assert command("check", "waiting.yaml", "--update") == 0
+    assert command("check", "waiting.yaml") == 0
     capsys.readouterr()
     assert command("list", "laws", "--json") == 0
     assert json.loads(capsys.readouterr().out)["laws"].keys() >= {"opinion_dynamics", "nominal"}
@@ -408,9 +408,9 @@ def test_a_missing_name_wrong_arguments_and_what_is_no_law_are_said(here):
 def test_the_command_line_ends_with_2_and_the_line_of_the_scenario(here, capsys):
     law("return seen.q", head="def mine(seen, memory, dt, *, r_rho_m):")
     queue()
-    assert command("run", "queue.yaml", "--out", "out") == 2
+    assert command("run", "waiting.yaml", "--out", "out") == 2
     said = capsys.readouterr().err
-    assert re.search(r"queue.yaml:\d+: law.kind: .*mine.py, line 4: AttributeError", said.replace("\n", " "))
+    assert re.search(r"waiting.yaml:\d+: law.kind: .*mine.py, line 4: AttributeError", said.replace("\n", " "))
     assert not Path("out").exists()
 
 

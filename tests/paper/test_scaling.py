@@ -100,7 +100,7 @@ def test_the_gains_follow_the_rule_of_their_units():
         "k_w": 1, "z_floor": 1,
     }  # fmt: skip
     assert {name: getattr(scaled, name) / getattr(law, name) for name in rule} == pytest.approx(rule)
-    assert set(rule) | {"kind", "variant", "leader", "follower"} == set(type(law).model_fields)
+    assert set(rule) | {"kind", "variant", "leader", "follower", "choice"} == set(type(law).model_fields)
 
 
 @given(st.floats(0.05, 50))
