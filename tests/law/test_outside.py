@@ -410,7 +410,8 @@ def test_the_command_line_ends_with_2_and_the_line_of_the_scenario(here, capsys)
     queue()
     assert command("run", "waiting.yaml", "--out", "out") == 2
     said = capsys.readouterr().err
-    assert re.search(r"waiting.yaml:\d+: law.kind: .*mine.py, line 4: AttributeError", said.replace("\n", " "))
+    where = r"waiting.yaml:\d+: law.kind: .*mine.py, line 4: AttributeError"
+    assert re.search(where, said.replace("\n", " "))
     assert not Path("out").exists()
 
 
