@@ -80,6 +80,10 @@ def _a_neighbour(name: str) -> str:
 Neighbour = Annotated[str, AfterValidator(_a_neighbour)]
 
 
+def _many(scenario: Any) -> bool:
+    return len(scenario.roster.neighbours) > 2
+
+
 class Law(Frozen):
     """What every law has: its keys, which are those of the section ``law``, and these methods.
 
@@ -103,7 +107,10 @@ class Law(Frozen):
     """The paper's Vehicle 1, behind which the ego is to be: the target is seen from it."""
     follower: Neighbour = neighbour(1)
     """The paper's Vehicle 2: the gap is between it and the leader. The barrier is against every neighbour."""
-    choice: Literal["named", "nearest", "largest", "first_open"] = "named"
+    choice: Annotated[
+        Literal["named", "nearest", "largest", "first_open"],
+        Acts(when=_many, only="among more than two neighbours"),
+    ] = "named"
     """Which two it merges between: leader and follower as named, or as it goes those at the nearest gap in
     the leader's lane, at the largest, or at the nearest one with room for it (dbar > 2 r)."""
     r_m: Positive = 0.6

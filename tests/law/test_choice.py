@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjmerge.errors import MjmergeError
+from mjmerge.errors import MjmergeError, ScenarioError
 from mjmerge.law import Sensed, kinds
 from mjmerge.law.asked import decided
 from mjmerge.law.choice import FOLLOWER, LEADER, Two, chosen
@@ -185,6 +185,12 @@ def test_runs_that_choose_differently_have_the_bits_that_each_has_alone(changing
     alone = simulate(noisy, "bicycle_limited", seed=5)
     for name in ("front_m", "u_mps2", "gap_m", LEADER.name, FOLLOWER.name):
         assert np.array_equal(together.column(name)[2], alone.column(name)[0]), name
+
+
+def test_among_two_there_is_nothing_to_choose_and_who_gives_it_is_told():
+    with pytest.raises(ScenarioError, match="acts only among more than two neighbours"):
+        simulate(load("charge", ["law.choice=nearest", "duration_s=0.1"]), "double_integrator")
+    simulate(platoon("law.choice=nearest", duration_s=0.1), "double_integrator")
 
 
 def test_in_continuous_time_the_two_are_named():

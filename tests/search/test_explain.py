@@ -277,18 +277,18 @@ def test_a_patch_of_ice_among_harmless_mismatch_is_named_as_one():
 
 def test_a_patch_of_ice_that_is_planted_is_found_and_shrunk_to_itself(long: bool):
     """Long: on cars, among other mismatch, in a space over the length of the road."""
-    if not long:
-        pytest.skip("takes some minutes")
-    base = planted().settled()
-    small = shrink(Parts.of(base, planted(*PATCH, *LOAD), {}), 0, "mujoco")
-    assert small is not None
-    assert list(small.parts.sentence()) == [PATCHED]
     space = (
         "search={axes: {mismatch.patch_start_m: {uniform: [0, 20]}, mismatch.load_kg: {uniform: [0, 0.2]}, "
         "mismatch.steer_lag: {uniform: [1, 1.2]}}, neighbours: {}}"
     )
     ice = ("mismatch.patch_friction=0.05", "mismatch.patch_length_m=2")
     ground = Ground.around(planted(*ice, space), "mujoco")
+    assert ground.size == 3
+    if not long:
+        return
+    small = shrink(Parts.of(planted().settled(), planted(*PATCH, *LOAD), {}), 0, "mujoco")
+    assert small is not None
+    assert list(small.parts.sentence()) == [PATCHED]
     found = search(ground, 64, seed=1)
     assert found.first_failure_at_run is not None
     (finding,) = differing(found, 1)
