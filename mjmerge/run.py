@@ -38,12 +38,11 @@ from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
 from mjmerge.verdict.summary import ends_s, ground, summary, worst_run
-from mjmerge.world.compose import build
-from mjmerge.world.model import World
 
 if TYPE_CHECKING:
     from mjmerge.record.rerun.live import Live
     from mjmerge.record.rerun.side_by_side import ShownSide
+    from mjmerge.world.model import World
 
 FILES = (
     *FORMATS,
@@ -145,7 +144,11 @@ def run(
         check_continuous(plant, scenario.law)
     scenario = on_plant(scenario, plant)
     shown = live is not None or (folder is not None and record)
-    world = build(scenario) if plant == "mujoco" or shown else None
+    world = None
+    if plant == "mujoco" or shown:
+        from mjmerge.world.compose import build  # physics takes its time to import
+
+        world = build(scenario)
     replaced = prepare(folder, replace, FILES) if folder is not None else False
     recording = None
     if folder is not None:

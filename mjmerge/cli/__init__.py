@@ -2,75 +2,54 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from errno import ENAMETOOLONG
+from importlib import import_module
 from threading import Event, current_thread, main_thread
 from types import FrameType
 from typing import Annotated, Any, Union
 
 import tyro
 
-from mjmerge.cli.check import Check
-from mjmerge.cli.compare import Compare
-from mjmerge.cli.convert import Convert
 from mjmerge.cli.crash import report
-from mjmerge.cli.explain import Explain
-from mjmerge.cli.export import Export
-from mjmerge.cli.falsify import Falsify
-from mjmerge.cli.harden import Harden
-from mjmerge.cli.identify import Identify
-from mjmerge.cli.list import List
-from mjmerge.cli.new import New
-from mjmerge.cli.probability import Probability
-from mjmerge.cli.recover import Recover
-from mjmerge.cli.replay import Replay
-from mjmerge.cli.reproduce import Reproduce
-from mjmerge.cli.run import Run
-from mjmerge.cli.schema import Schema
 from mjmerge.cli.streams import standard
-from mjmerge.cli.survey import Survey
-from mjmerge.cli.sweep import Sweep
-from mjmerge.cli.theorem import Theorem
-from mjmerge.cli.traffic import Traffic
-from mjmerge.cli.verify import Verify
-from mjmerge.cli.video import Video
-from mjmerge.cli.view import View
 from mjmerge.errors import MjmergeError
 from mjmerge.interrupts import INTERRUPTED, is_command, leave, leave_quietly
 from mjmerge.outputs import no_room
 
-COMMANDS: tuple[Any, ...] = (
-    Run,
-    Reproduce,
-    Sweep,
-    Falsify,
-    Explain,
-    Probability,
-    Harden,
-    Traffic,
-    Check,
-    Theorem,
-    Survey,
-    Identify,
-    List,
-    New,
-    View,
-    Verify,
-    Replay,
-    Compare,
-    Video,
-    Recover,
-    Convert,
-    Export,
-    Schema,
+COMMANDS = (
+    "run",
+    "reproduce",
+    "sweep",
+    "falsify",
+    "explain",
+    "probability",
+    "harden",
+    "traffic",
+    "check",
+    "theorem",
+    "survey",
+    "identify",
+    "list",
+    "new",
+    "view",
+    "verify",
+    "replay",
+    "compare",
+    "video",
+    "recover",
+    "convert",
+    "export",
+    "schema",
 )
-"""In the order of the help."""
+"""In the order of the help: each a file, and in it a class of that name."""
 _BAD_INPUT, _FAILED, _TERMINATED = 2, 3, 128 + signal.SIGTERM
 
 
@@ -133,8 +112,16 @@ def _answer(arguments: Sequence[str], interrupted: Event, terminated: Event) -> 
 
 
 def _parsed(arguments: Sequence[str]) -> Any:
-    """The command with its options."""
-    named = (Annotated[c, tyro.conf.subcommand(c.__name__.lower())] for c in COMMANDS)
+    """The command with its options; the others are read for help and for mistakes alone."""
+    if arguments and arguments[0] in COMMANDS and not {"-h", "--help"} & {*arguments}:
+        unsaid = io.StringIO()
+        try:
+            with redirect_stdout(unsaid), redirect_stderr(unsaid):
+                return tyro.cli(_command(arguments[0]), args=arguments[1:])
+        except SystemExit as ended:
+            if ended.code == _TERMINATED:
+                raise
+    named = (Annotated[_command(name), tyro.conf.subcommand(name)] for name in COMMANDS)
     one_of: Any = Union[tuple(named)]  # noqa: UP007
     return tyro.cli(
         one_of,
@@ -142,6 +129,11 @@ def _parsed(arguments: Sequence[str]) -> Any:
         description="Does the merge that a paper proves safe survive real cars?",
         args=arguments,
     )
+
+
+def _command(name: str) -> Any:
+    """What a command is made by, from its options."""
+    return getattr(import_module(f"{__name__}.{name}"), name.capitalize())
 
 
 @contextmanager

@@ -26,9 +26,12 @@ class Export:
     def __call__(self) -> int:
         """Run the command; return its exit code."""
         from mjmerge.scenario.load import load
-        from mjmerge.world.compose import build
 
-        xml = build(load(self.scenario, self.set_)).xml
+        scenario = load(self.scenario, self.set_)
+
+        from mjmerge.world.compose import build  # what is wrong with a scenario is said before
+
+        xml = build(scenario).xml
         if self.out is None:
             print(xml)
             return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from mjmerge.config import shipped
+from mjmerge.roster import PLANTS
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 _WIDE = 1000
+_DESCRIPTION = re.compile(r"^description:.*?(?=^[^\s#]|\Z)", re.MULTILINE | re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -32,48 +35,15 @@ class List:
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
-        from mjmerge.config.doors import installed
-        from mjmerge.drivers import kinds
-        from mjmerge.drivers.outside import GROUP
-        from mjmerge.law import VARIANTS
-        from mjmerge.law import kinds as laws
-        from mjmerge.law.outside import DEFAULT as PAPER
-        from mjmerge.law.outside import GROUP as LAWS
-        from mjmerge.plant import PLANTS
-        from mjmerge.scenario.axis_tables import as_json
-        from mjmerge.scenario.cars import data_sheet
-        from mjmerge.scenario.load import load
-        from mjmerge.scenario.metrics import GROUP as METRICS
-        from mjmerge.scenario.mismatch import Mismatch
-        from mjmerge.sweep.campaign import described as campaign_line
-        from mjmerge.vehicle.acceptance import acceptance
-
-        def first_line(text: str | None) -> str:
-            return (text or "").strip().splitlines()[0]
-
-        def described(name: str, folder: Path) -> str:
-            state = acceptance(folder).state
-            return f"{data_sheet(name).description} (acceptance tests: {state})"
-
         what: dict[str, Callable[[], Mapping[str, Any]]] = {
-            "scenarios": lambda: {name: load(name).description for name in shipped.scenarios()},
-            "campaigns": lambda: {name: campaign_line(path) for name, path in shipped.campaigns().items()},
-            "models": lambda: {name: described(name, folder) for name, folder in shipped.models().items()},
-            "laws": lambda: (
-                {name: first_line(cls.__doc__) for name, cls in laws().items()}
-                | {f"{PAPER}, variant {name}": line for name, line in VARIANTS.items()}
-                | {name: f"from outside: {value}" for name, value in sorted(installed(LAWS).items())}
-            ),
-            "drivers": lambda: (
-                {
-                    name: f"{first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"
-                    for name, cls in sorted(kinds().items())
-                }
-                | {name: f"from outside: {value}" for name, value in sorted(installed(GROUP).items())}
-            ),
+            "scenarios": _scenarios,
+            "campaigns": _campaigns,
+            "models": _models,
+            "laws": _laws,
+            "drivers": _drivers,
             "plants": lambda: PLANTS,
-            "metrics": lambda: installed(METRICS),
-            "axes": lambda: as_json(Mismatch),
+            "metrics": _metrics,
+            "axes": _mismatch,
         }
         listed = {kind: entries() for kind, entries in what.items() if self.what in ("all", kind)}
         if self.json:
@@ -81,6 +51,77 @@ class List:
         else:
             _show({kind: entries for kind, entries in listed.items() if entries or self.what == kind})
         return 0
+
+
+def _scenarios() -> dict[str, str]:
+    return {name: _described(path) for name, path in shipped.scenarios().items()}
+
+
+def _campaigns() -> dict[str, str]:
+    return {name: _described(path) for name, path in shipped.campaigns().items()}
+
+
+def _described(path: Path) -> str:
+    """A file's description, without the rest of what it says: a scenario takes its time to read."""
+    from mjmerge.config.document import parse
+
+    said = _DESCRIPTION.search(path.read_text(encoding="utf-8"))
+    value = parse(said[0]).value if said else {}
+    return str(value.get("description", "")) if isinstance(value, dict) else ""
+
+
+def _models() -> dict[str, str]:
+    from mjmerge.scenario.cars import data_sheet
+    from mjmerge.vehicle.acceptance import acceptance
+
+    def described(name: str, folder: Path) -> str:
+        state = acceptance(folder).state
+        return f"{data_sheet(name).description} (acceptance tests: {state})"
+
+    return {name: described(name, folder) for name, folder in shipped.models().items()}
+
+
+def _laws() -> dict[str, str]:
+    from mjmerge.config.doors import installed
+    from mjmerge.law import VARIANTS, kinds
+    from mjmerge.law.outside import DEFAULT, GROUP
+
+    return (
+        {name: _first_line(cls.__doc__) for name, cls in kinds().items()}
+        | {f"{DEFAULT}, variant {name}": line for name, line in VARIANTS.items()}
+        | {name: f"from outside: {value}" for name, value in sorted(installed(GROUP).items())}
+    )
+
+
+def _drivers() -> dict[str, str]:
+    from mjmerge.config.doors import installed
+    from mjmerge.drivers import kinds
+    from mjmerge.drivers.outside import GROUP
+
+    def described(cls: Any) -> str:
+        return f"{_first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"
+
+    return {name: described(cls) for name, cls in sorted(kinds().items())} | {
+        name: f"from outside: {value}" for name, value in sorted(installed(GROUP).items())
+    }
+
+
+def _metrics() -> dict[str, str]:
+    from mjmerge.config.doors import installed
+    from mjmerge.scenario.metrics import GROUP
+
+    return installed(GROUP)
+
+
+def _mismatch() -> dict[str, Any]:
+    from mjmerge.scenario.axis_tables import as_json
+    from mjmerge.scenario.mismatch import Mismatch
+
+    return as_json(Mismatch)
+
+
+def _first_line(text: str | None) -> str:
+    return (text or "").strip().splitlines()[0]
 
 
 def _show(listed: Mapping[str, Mapping[str, Any]]) -> None:

@@ -66,13 +66,7 @@ class Run:
 
     def __call__(self) -> int:
         """Run the command; return its exit code."""
-        from rich.console import Console
-
-        from mjmerge.cli.explain import show
-        from mjmerge.cli.places import run_folder
-        from mjmerge.run import run
         from mjmerge.scenario.load import load
-        from mjmerge.verdict.table import table
 
         at_least(1, runs=self.runs)
         at_least(0, seed=self.seed, threads=self.threads)
@@ -80,6 +74,14 @@ class Run:
         if self.duration is not None:
             overrides.append(f"duration_s={self.duration!r}")
         scenario = load(self.scenario, overrides)
+
+        from rich.console import Console  # what is wrong with a scenario is said before
+
+        from mjmerge.cli.explain import show
+        from mjmerge.cli.places import run_folder
+        from mjmerge.run import run
+        from mjmerge.verdict.table import table
+
         folder = self.out
         if folder is None and self.record:
             folder = run_folder(

@@ -78,15 +78,17 @@ class Sweep:
             print(f"mjmerge: what was in {folder} was replaced", file=sys.stderr)
 
     def _campaign(self) -> int:
-        from rich.console import Console
+        from mjmerge.sweep.campaign import plan
+
+        planned = plan(self.what)
+
+        from rich.console import Console  # what is wrong with a campaign is said before
 
         from mjmerge.sweep import laws, tally
         from mjmerge.sweep import report as sweep_report
-        from mjmerge.sweep.campaign import plan
         from mjmerge.sweep.folder import TABLE
         from mjmerge.sweep.sweep import sweep
 
-        planned = plan(self.what)
         folder = self.out or Path("sweeps") / planned.name
         with runs_bar(len(planned.cases)) as progress:
             found = sweep(planned, folder, processes=processes(self.workers), progress=progress)

@@ -34,6 +34,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from mjmerge.config.meanings import meanings
 from mjmerge.errors import MjmergeError, nearest
 
 LARGEST_CODE_BYTES = 1_000_000
@@ -213,8 +214,11 @@ def keeps(kind: str, found: type[BaseModel], base: type[BaseModel], own: frozens
             if ours and name not in (*own, *_PYDANTIC, *base.model_fields):
                 raise DoorError(f"{kind}: {name} is not for a {what} to say; call it otherwise")
     fields = base.model_fields
+    redeclared = {name for one in theirs for name in vars(one).get("__annotations__", ())} & {*fields}
+    means, ours_mean = (meanings(found), meanings(base)) if redeclared - {"kind"} else ({}, {})
     for name, field in found.model_fields.items():
-        if name in fields and name != "kind" and repr(field) != repr(fields[name]):
+        same_text = means.get(name) == ours_mean.get(name)
+        if name in fields and name != "kind" and not (same_text and repr(field) == repr(fields[name])):
             raise DoorError(f"{kind}: {name} is a key of every {what}; call it otherwise")
         if name not in fields and hasattr(base, name):
             raise DoorError(f"{kind}: {name} can be no key of a {what}; call it otherwise")

@@ -9,6 +9,7 @@ from pydantic_core import ErrorDetails
 
 from mjmerge.config.document import described, scalar
 from mjmerge.config.frozen import Frozen, PerCar
+from mjmerge.config.meanings import meanings
 from mjmerge.errors import nearest
 from mjmerge.roster import neighbour, slot
 
@@ -86,7 +87,7 @@ def _explained(model: type[Frozen], error: ErrorDetails) -> tuple[str, str]:
     spot, given = _spot(model, error["loc"]), error["input"]
     match error["type"]:
         case "missing":
-            what = spot.holder.model_fields[spot.field].description
+            what = meanings(spot.holder).get(spot.field, "")
             if not what and len(spot.inside) == 1:
                 what = (spot.inside[0].__doc__ or "").partition("\n")[0]
             return f"missing; {what}" if what else "missing", spot.key

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 from math import log
+from typing import TYPE_CHECKING
 
 from mjmerge.config import shipped
 from mjmerge.errors import ModelError, UnknownNameError
@@ -16,7 +17,9 @@ from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.roster import PLANTS
 from mjmerge.scenario.cars import Misfit, data_sheet, misfits, on_plant
 from mjmerge.scenario.schema import Scenario
-from mjmerge.world.model import World
+
+if TYPE_CHECKING:
+    from mjmerge.world.model import World
 
 OFF = 1.15
 """A physical car may be off the length that is asked for by this factor, and off the width; it is told."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,9 @@ from mjmerge.scenario.cars import car_sheets
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask
 from mjmerge.vehicle.bicycle import derivative, front_velocity
-from mjmerge.world.model import World
+
+if TYPE_CHECKING:
+    from mjmerge.world.model import World
 
 
 class Bicycle:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from mjmerge.scenario.mismatch import column
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls
 from mjmerge.vehicle.actuation import CRAWL_MPS, UNMOVED_MPS2, BelievedCars, resistance_n
-from mjmerge.world.model import World
+
+if TYPE_CHECKING:
+    from mjmerge.world.model import World
 
 
 class LimitedBicycle(Bicycle):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,9 @@ from mjmerge.plant.base import Fault
 from mjmerge.plant.kinematic import Arrivals, mismatches, no_bodies, runaway, standing, start
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, norm
-from mjmerge.world.model import World
+
+if TYPE_CHECKING:
+    from mjmerge.world.model import World
 
 
 class DoubleIntegrator:

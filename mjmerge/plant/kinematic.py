@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,9 @@ from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.actuation import ackermann
 from mjmerge.vehicle.delay import Past
-from mjmerge.world.model import World
+
+if TYPE_CHECKING:
+    from mjmerge.world.model import World
 
 _BEYOND = 1e9  # m, m/s, rad: the loop has diverged, and would overflow before it is infinite
 

@@ -10,8 +10,6 @@ import json
 from hashlib import sha256
 from pathlib import Path
 
-from scipy.special import ndtr
-
 from mjmerge.errors import MjmergeError, OutputError
 from mjmerge.outputs import cannot_write, put
 from mjmerge.search.findings import LOOKS
@@ -101,6 +99,8 @@ def looks(found: Probability) -> str:
     """The samples that fail, each once, the worst first, as lines of JSON, which :func:`failing` reads."""
     below = found.below
     lines = [json.dumps({"of": found.ground.digest(), "below_m": found.asked.bound_m})]
+    from scipy.special import ndtr  # takes its time to import
+
     points = ndtr(below.u).tolist()
     for seed, point, value in zip(below.seeds.tolist(), points, below.values.tolist(), strict=True):
         lines.append(json.dumps({"seed": seed, "point": point, "margin_m": value}))

@@ -9,7 +9,6 @@ from math import isfinite
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import ndtr
 
 from mjmerge.errors import MjmergeError, ScenarioError, UnknownNameError
 from mjmerge.plant import check as check_plant
@@ -144,6 +143,8 @@ class _Run:
         self._done = 0
 
     def on(self, plant: str) -> Function:
+        from scipy.special import ndtr  # takes its time to import
+
         def least(u: Array, seeds: Seeds) -> Array:
             return np.concatenate([np.empty(0), *self._parts(plant, ndtr(u), seeds)])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,8 +24,9 @@ from mjmerge.simulation.sensing import Sensing, foresight
 from mjmerge.simulation.trace import Stop, Trace
 from mjmerge.state import Array, Cars, Controls
 from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
-from mjmerge.world.compose import build
-from mjmerge.world.model import World
+
+if TYPE_CHECKING:
+    from mjmerge.world.model import World
 
 Case = tuple[int, Mismatch]
 """Seed and mismatch of one simulation."""
@@ -120,6 +122,8 @@ def run(
     """
     runs, mismatch = len(each), tuple(one.mismatch for one in each)
     if world is None and (plant == "mujoco" or sink is not None or live is not None):
+        from mjmerge.world.compose import build  # physics takes its time to import
+
         world = build(scenario, mismatch)
     laws, h = Laws.of([one.law for one in each], len(each[0].roster.neighbours)), scenario.control_step_s
     law, names = laws.first, scenario.roster.cars

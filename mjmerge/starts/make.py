@@ -15,6 +15,7 @@ from shlex import quote
 
 from mjmerge.config import shipped
 from mjmerge.config.frozen import Frozen
+from mjmerge.config.meanings import meanings
 from mjmerge.drivers import kinds
 from mjmerge.errors import BadNameError, OutputError
 from mjmerge.law import kinds as laws
@@ -94,9 +95,10 @@ def sheet_text(sheet: DataSheet) -> str:
         "# What is believed of this car: all that the law and the actuation know of it. README.md says where"
     ]
     lines += ["# each number comes from. Quantities are in SI units, and the unit is in the key."]
+    meaning = meanings(DataSheet)
     for name, field in DataSheet.model_fields.items():
         optional = "" if field.is_required() else f" May be left out: {_value(field.default)}."
-        lines += ["", *(f"# {line}" for line in (field.description or "").splitlines())]
+        lines += ["", *(f"# {line}" for line in meaning.get(name, "").splitlines())]
         lines[-1] += optional
         lines.append(f"{name}: {_value(getattr(sheet, name))}")
     return "\n".join(lines) + "\n"

@@ -351,9 +351,3 @@ def _draw(axis: Distribution, rng: np.random.Generator) -> Any:
     if axis.choice is not None:
         return axis.choice[rng.integers(len(axis.choice))]
     return axis.at(rng.random())
-
-
-def described(path: Path) -> str:
-    """A campaign file's description."""
-    value = read(path).value
-    return str(value.get("description", "")) if isinstance(value, dict) else ""

@@ -13,8 +13,8 @@ from pathlib import Path
 import mujoco
 import pytest
 
-import mjmerge
 from mjmerge.cli import main
+from mjmerge.config import shipped
 from mjmerge.record import FORMATS
 
 SHORT = ["--duration", "0.5", "--plant", "double_integrator"]
@@ -263,7 +263,7 @@ def test_schema_is_json(capsys):
 
 def test_names_and_folders_with_odd_letters_are_shown_as_they_are_and_quoted(capsys, tmp_path):
     odd = "it's [red] $x_{$ & 50%"
-    text = mjmerge.config.shipped.scenarios()["paper"].read_text()
+    text = shipped.scenarios()["paper"].read_text()
     (tmp_path / f"{odd}.yaml").write_text(text)
     code, out, err = run(capsys, "run", f"{odd}.yaml", *SHORT, "--out", f"out {odd}")
     assert (code, err) == (0, "")
@@ -280,7 +280,7 @@ def test_names_and_folders_with_odd_letters_are_shown_as_they_are_and_quoted(cap
 
 def test_a_file_name_that_is_no_text_is_refused(capsys, tmp_path):
     name = os.fsdecode(b"\xff.yaml")
-    (tmp_path / name).write_text(mjmerge.config.shipped.scenarios()["paper"].read_text())
+    (tmp_path / name).write_text(shipped.scenarios()["paper"].read_text())
     code, _, err = run(capsys, "run", name, *SHORT)
     assert code == 2
     assert "rename it" in err

@@ -16,6 +16,7 @@ import pytest
 
 import mjmerge
 from mjmerge.cli import main
+from mjmerge.config import shipped
 from mjmerge.errors import OutputError, ScenarioError, UnknownNameError
 
 QUICK = ("run", "paper", "--plant", "double_integrator", "--duration", "0.2", "--no-record")
@@ -126,7 +127,7 @@ def test_standard_error_that_is_full_or_closed_changes_nothing(capsys):
 
 
 def test_what_a_terminal_cannot_spell_is_written_as_an_escape(tmp_path):
-    (tmp_path / "東京.yaml").write_text((mjmerge.config.shipped.scenarios()["paper"]).read_text())
+    (tmp_path / "東京.yaml").write_text(shipped.scenarios()["paper"].read_text())
     done = shell("PYTHONIOENCODING=ascii $M", "run", "東京.yaml", *QUICK[2:])
     assert done.returncode == 0, done.stderr
     assert "\\u6771\\u4eac" in done.stdout
@@ -187,7 +188,7 @@ def test_a_disk_that_fills_up_ends_with_3_and_a_line_for_each_file_and_leaves_no
     ],
 )
 def test_whatever_file_the_disk_has_no_room_for_the_exit_code_is_3(args, capsys, monkeypatch):
-    paper = mjmerge.config.shipped.scenarios()["paper"].read_text().partition("\ngate:")[0]
+    paper = shipped.scenarios()["paper"].read_text().partition("\ngate:")[0]
     row = "{name: ideal, plant: double_integrator, at_least_m: 0}"
     Path("mine.yaml").write_text(paper.replace("duration_s: 35", "duration_s: 0.2") + f"\ngate: [{row}]\n")
     block = "{scenarios: [paper], plants: [double_integrator], set: {duration_s: 0.2}}"
@@ -290,7 +291,7 @@ def test_what_a_library_makes_of_being_told_to_end_is_still_that(monkeypatch, ca
         except SystemExit as error:
             raise type(error)(f"Line 36: error while parsing element <default>: {error}") from error
 
-    monkeypatch.setattr("mjmerge.cli.List.__call__", composes)
+    monkeypatch.setattr("mjmerge.cli.list.List.__call__", composes)
     with pytest.raises(SystemExit) as end:
         main(["list"])
     assert end.value.code == 128 + signal.SIGTERM

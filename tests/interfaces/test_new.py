@@ -9,6 +9,7 @@ from ruamel.yaml import YAML
 
 from mjmerge.cli import main
 from mjmerge.config import shipped
+from mjmerge.config.meanings import meanings
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.starts.make import KINDS
 from mjmerge.vehicle.datasheet import DataSheet
@@ -59,10 +60,10 @@ def test_a_new_car_is_whole_wherever_it_is_carried(capsys, elsewhere):
 def test_its_data_sheet_has_every_key_with_its_meaning_and_unit(capsys, elsewhere):
     mjmerge(capsys, "new", "car", "mine")
     text = (elsewhere / "mine" / "datasheet.yaml").read_text()
-    assert list(YAML(typ="safe").load(text)) == list(DataSheet.model_fields)
-    for name, field in DataSheet.model_fields.items():
+    assert list(YAML(typ="safe").load(text)) == list(DataSheet.model_fields) == list(meanings(DataSheet))
+    for name, meaning in meanings(DataSheet).items():
         above, _, _ = text.partition(f"\n{name}:")
-        assert " ".join((field.description or "").split()) in " ".join(above.replace("#", " ").split())
+        assert " ".join(meaning.split()) in " ".join(above.replace("#", " ").split())
     new, like = data_sheet("./mine"), data_sheet("rc")
     assert new.model_copy(update={"description": like.description}) == like
 

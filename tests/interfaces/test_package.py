@@ -39,15 +39,6 @@ def test_the_wheel_brings_models_and_scenarios_and_runs_anywhere(tmp_path):
     assert "(1, 11, 2)" in done.stdout
 
 
-def test_importing_does_not_load_what_only_recordings_and_figures_need():
-    heavy = "{'rerun', 'foxglove', 'matplotlib', 'rich'}"
-    code = f"import sys; import mjmerge.cli; print(*{heavy} & set(sys.modules))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert done.stdout.strip() == ""
-
-
 def test_constraints_pin_every_dependency_and_name_no_host():
     text = (ROOT / "constraints.txt").read_text()
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in text.splitlines() if "==" in line}

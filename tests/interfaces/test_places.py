@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-import mjmerge
 from mjmerge.cli import main
 from mjmerge.cli.places import slug
+from mjmerge.config import shipped
 
 RUN = ("run", "paper", "--plant", "double_integrator", "--duration", "0.2")
 ROOT = Path(__file__).parents[2]
@@ -74,7 +74,7 @@ def test_the_same_run_again_makes_way_for_itself_and_says_so(capsys):
 
 
 def test_the_run_of_an_edited_file_leaves_that_of_the_file_as_it_was(capsys):
-    text = mjmerge.config.shipped.scenarios()["paper"].read_text()
+    text = shipped.scenarios()["paper"].read_text()
     args = ("run", "mine.yaml", *RUN[2:])
     Path("mine.yaml").write_text(text)
     first = ran_in(capsys, *args)

@@ -355,6 +355,10 @@ LIES = {
     ),
     "what is pydantic's": ("def model_dump(self): return 5", r"model_dump is not for a law to say"),
     "a key of every law": ("r_m: float = -1.0", r"r_m is a key of every law; call it otherwise"),
+    "a key of every law that means something else": (
+        "r_m: __import__('mjmerge.config.frozen').config.frozen.Positive = 0.6\n    'Width of a hat, m.'",
+        r"r_m is a key of every law",
+    ),
     "a key that is a method": ("def r_m(self): return 5", r"r_m is a key of every law"),
     "made as another": (
         "def __new__(cls, *a, **k): return Law.__new__(type(cls.__name__, (cls,), {}))",

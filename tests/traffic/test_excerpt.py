@@ -7,7 +7,7 @@ import pytest
 
 import mjmerge
 from mjmerge.errors import ScenarioError
-from mjmerge.scenario.load import dump, json_schema
+from mjmerge.scenario.load import dump, json_schema, load
 from tests.traffic.files import LANE_M, changing, commonroad, ngsim, steady
 
 KEYS = """\
@@ -99,7 +99,7 @@ def test_what_is_wrong_in_the_scenario_and_in_the_file_is_told_at_once_with_line
 
 def test_a_scenario_that_comes_from_a_recording_reads_no_file(folder):
     with pytest.raises(ScenarioError, match=r"drivers.vehicle_2.file: unknown key"):
-        mjmerge.scenario.load.load(folder / "s.yaml", code=False)
+        load(folder / "s.yaml", code=False)
 
 
 def test_editors_know_both_ways_to_write_it():

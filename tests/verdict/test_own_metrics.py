@@ -23,6 +23,7 @@ from mjmerge.review.folder import beside, verify_run
 from mjmerge.review.verify import verify
 from mjmerge.run import run
 from mjmerge.scenario.load import dump, load
+from mjmerge.scenario.schema import Bound
 from mjmerge.sweep.folder import TABLE
 from mjmerge.verdict import own
 from tests.recording import rewrite
@@ -557,7 +558,7 @@ def test_the_values_are_those_of_the_function(make_trace):
     trace = make_trace(runs=3, opinion=np.arange(120.0).reshape(3, 40))
     assert own.measured(trace) == {}
     bounds = {"a": {"at_least": 1.0}, "b": {"at_most": 2.0}}
-    bounds = {name: mjmerge.scenario.schema.Bound(**sides) for name, sides in bounds.items()}
+    bounds = {name: Bound(**sides) for name, sides in bounds.items()}
     assert list(own.broken(bounds, {"a": 1.0, "b": 2.0})) == []
     assert list(own.broken(bounds, {"a": 0.5, "b": np.nan})) == [
         "a is 0.5, below its bound of 1",
