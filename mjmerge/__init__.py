@@ -6,10 +6,11 @@
 ['held']
 """
 
+import mjmerge.interrupts  # noqa: F401  (first: the rest takes its time)
+
+# isort: split
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-import mjmerge.interrupts  # noqa: F401  (first: the rest takes its time)
 
 if TYPE_CHECKING:
     from mjmerge.errors import MjmergeError

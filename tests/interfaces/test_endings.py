@@ -133,21 +133,40 @@ def test_what_a_terminal_cannot_spell_is_written_as_an_escape(tmp_path):
     assert "\\u6771\\u4eac" in done.stdout
 
 
-def test_ctrl_c_ends_with_130_and_without_a_traceback_while_it_is_still_importing():
+INTERRUPTED_AT = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(name, path=None, target=None):
+        if name == os.environ["INTERRUPTED_AT"]:
+            sys.meta_path.remove(Finder)
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder)
+"""
+
+
+@pytest.mark.parametrize("module", ["mjmerge.errors", "tyro", "numpy", "mjmerge.run", "mujoco"])
+def test_ctrl_c_ends_with_130_and_without_a_traceback_while_it_is_still_importing(module, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(INTERRUPTED_AT)
+    path = os.pathsep.join([str(tmp_path), ENVIRONMENT["PYTHONPATH"]])
+
     def listens() -> None:  # what starts in the background ignores it
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    for wait_s in (0.1, 0.25, 0.4):
-        command = [sys.executable, "-m", "mjmerge", "run", "paper", "--no-record"]
-        with subprocess.Popen(
-            command, stdout=-1, stderr=-1, text=True, env=ENVIRONMENT, preexec_fn=listens
-        ) as process:
-            time.sleep(wait_s)
-            process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=60)
-        assert process.returncode == 130, err
-        assert out == ""
-        assert err.replace("mjmerge: interrupted", "").strip() == ""
+    command = [sys.executable, "-m", "mjmerge", "run", "paper", "--no-record"]
+    done = subprocess.run(
+        command,
+        env=ENVIRONMENT | {"PYTHONPATH": path, "INTERRUPTED_AT": module},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        preexec_fn=listens,
+    )
+    assert done.returncode == 130, done.stderr
+    assert done.stdout == ""
+    assert done.stderr.replace("mjmerge: interrupted", "").strip() == ""
 
 
 def test_an_interrupt_that_a_library_turns_into_its_own_error_is_still_an_interrupt(capsys, monkeypatch):
