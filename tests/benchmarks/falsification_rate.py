@@ -16,11 +16,13 @@ from rich.console import Console
 from rich.table import Table
 
 import mjmerge
+from mjmerge.outputs import put
 from mjmerge.search.against import PROOF
 from mjmerge.search.falsify import Look, Search, look_at
-from mjmerge.search.findings import log, logged
+from mjmerge.search.findings import LOOKS, log, logged
 from mjmerge.search.methods import METHODS, Asked, Method
 from mjmerge.search.space import Ground
+from mjmerge.sweep.workers import Workers, workers
 
 
 @dataclass
@@ -47,9 +49,8 @@ class Run:
         self.asked.tell([look.cost for look in found])
         self.looks += found[: budget - len(self.looks)]
         if len(self.looks) > len(self.before):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
             search = Search(ground, self.method, self.seed, tuple(self.looks))
-            self.path.write_text(log(search, self.digest), encoding="utf-8")
+            put(self.path, log(search, self.digest))
 
 
 def searches(ground: Ground, name: str, folder: Path, seeds: int) -> list[Run]:
@@ -57,7 +58,8 @@ def searches(ground: Ground, name: str, folder: Path, seeds: int) -> list[Run]:
     made = []
     of: list[tuple[Method, int]] = [("cma", seed) for seed in range(seeds)] + [("random", 0)]
     for method, seed in of:
-        path = folder / f"{name}-{method}-{seed}" / "looks.jsonl"
+        path = folder / f"{name}-{method}-{seed}" / LOOKS
+        path.parent.mkdir(parents=True, exist_ok=True)
         digest = ground.digest(method, str(seed), repr(PROOF))
         before = logged(path, digest) if path.exists() else []
         asked = METHODS[method](ground.size, seed)
@@ -75,7 +77,14 @@ def main() -> None:
     asked.add_argument(
         "--random", type=int, default=None, help="budget of the random points; default: the same"
     )
+    asked.add_argument("--workers", type=int, default=1, help="processes")
     given = asked.parse_args()
+    with workers(given.workers) as team:
+        measure(given, team)
+
+
+def measure(given: argparse.Namespace, team: Workers) -> None:
+    """The rounds."""
     ground = Ground.around(mjmerge.load(given.scenario), "mujoco")
     runs = searches(ground, Path(given.scenario).stem, given.folder, given.seeds)
     budget = {"cma": given.budget, "random": given.budget if given.random is None else given.random}
@@ -92,7 +101,7 @@ def main() -> None:
         if new:
             points = np.concatenate([run.points for run in new])
             numbers = [len(run.looks) + i for run in new for i in range(len(run.points))]
-            looks = iter(look_at(ground, points, 0, seeds=numbers))
+            looks = iter(look_at(ground, points, 0, seeds=numbers, team=team))
             for run in new:
                 mine = [next(looks) for _ in run.points]
                 first = len(run.looks)
