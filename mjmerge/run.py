@@ -21,7 +21,7 @@ from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
 from mjmerge.record import FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
 from mjmerge.record.manifest import EXPLANATION
-from mjmerge.scenario.cars import car_sheets, codes, on_plant
+from mjmerge.scenario.cars import car_sheets, codes, equipped
 from mjmerge.scenario.distinct import random
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.load import dump
@@ -142,7 +142,7 @@ def run(
         from mjmerge.simulation.continuous import check as check_continuous  # scipy takes its time to import
 
         check_continuous(plant, scenario.law)
-    scenario = on_plant(scenario, plant)
+    scenario = equipped(scenario)
     shown = live is not None or (folder is not None and record)
     world = None
     if plant == "mujoco" or shown:

@@ -30,6 +30,7 @@ _PANELS = ((0.07, 0.13, 0.56, 0.84), (0.72, 0.57, 0.26, 0.38), (0.72, 0.13, 0.26
 _COLOURS = 64  # of the palette that all frames share
 _BEHIND_M, _AHEAD_M, _ASIDE_M = 0.9, 0.75, 0.3  # road around the cars
 _DASH_M, _EVERY_M = 0.6, 1.2  # lane markings as drawn
+_FEW = 3  # neighbours whose names find room among their curves
 
 
 def frames(trace: Trace, at: Sequence[int]) -> Iterator[Image]:
@@ -185,7 +186,10 @@ def draw_distance(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
     axes.axhline(0, color=LINE, linewidth=1)
     axes.set_ylabel("distance $d_j$ (m)")
     axes.set_xlabel("time $t$ (s)")
-    axes.legend(loc="upper right", frameon=False, ncols=2)
+    if len(colours) <= _FEW:
+        axes.legend(loc="upper right", frameon=False, ncols=2)
+    else:  # above, where no line is
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, ncols=4)
     return _dots(axes, trace.time_s, trace.distance_m[0], colours)
 
 

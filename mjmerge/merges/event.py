@@ -9,12 +9,14 @@ from math import log, sqrt
 
 import numpy as np
 
+from mjmerge.plant import STRETCH
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.scenario.load import load
 from mjmerge.state import Array
 from mjmerge.traffic.changes import Change, Skipped
 from mjmerge.traffic.smooth import Smoothed, smoothed
 from mjmerge.traffic.tracks import Tracks
+from mjmerge.vehicle.actuation import BelievedCars, wheel_torques
 from mjmerge.vehicle.datasheet import DataSheet
 
 LIKE = "highway"
@@ -23,6 +25,8 @@ MODELS = ("sedan", "van", "rc")
 """Cars that ship; the first is the one of that scenario."""
 STARTS_APART = 0.02
 """Of r: the least d_j(0)."""
+LACKS_MPS2 = 0.1
+"""What a model's drive or brakes may lack at any time of what its record asks for."""
 GENTLE_MPS2 = 4.0
 """What the barrier asks for at t = 0 where that can be chosen: more, and physical cars cannot do it."""
 
@@ -40,9 +44,8 @@ class Event:
         crossed_s: when the human's centre is in the new lane, from there.
         time_s: from 0, (T,).
         front_m: front axles, (T, 3, 2), smoothed; y of leader and follower are as they were.
-        recorded: the bodies of the record, (3,).
-        bodies: those that drive in the scenario: of the same sizes, or as the models come.
-        models: the car model that is nearest in length, of each.
+        bodies: of the sizes of the record, (3,).
+        models: the car model of each: the nearest in length that can drive like that.
         r_m: the margin of the law at that size.
         lane_m: width of the new lane.
         smoothing: what was done to each, three of them.
@@ -58,7 +61,6 @@ class Event:
     crossed_s: float
     time_s: Array
     front_m: Array
-    recorded: tuple[DataSheet, DataSheet, DataSheet]
     bodies: tuple[DataSheet, DataSheet, DataSheet]
     models: tuple[str, str, str]
     r_m: float
@@ -81,11 +83,6 @@ class Event:
         return max(one.most_m for one in self.smoothing)
 
     @property
-    def sized(self) -> bool:
-        """Whether the cars of the scenario have the sizes of the record."""
-        return self.bodies == self.recorded
-
-    @property
     def breaks(self) -> str:
         """How the record breaks Assumption 1, in words; empty where it does not."""
         least = int(np.argmin(self.gap_m))
@@ -96,27 +93,27 @@ class Event:
         )
 
 
-def event(traffic: Tracks, change: Change, *, sized: bool = True) -> Event | Skipped:
+def event(traffic: Tracks, change: Change) -> Event | Skipped:
     """A lane change as three cars on a straight road, from the first time at which the law may begin.
 
     Args:
         traffic: the file.
         change: one of its lane changes.
-        sized: whether the cars have the sizes of the record; otherwise they are the models as they come.
     """
     step_s = traffic.step_s
     tracks = [traffic.tracks[name] for name in change.three]
-    models = tuple(_model(one.length_m) for one in tracks)
+    smoothing = tuple(smoothed(one.centre_m, step_s) for one in tracks)
+    models = tuple(
+        _model(one.length_m, smooth.centre_m, step_s) for one, smooth in zip(tracks, smoothing, strict=True)
+    )
     sheets = tuple(map(data_sheet, models))
-    recorded = tuple(
+    bodies = tuple(
         sheet.stretched(one.length_m, one.width_m) for sheet, one in zip(sheets, tracks, strict=True)
     )
-    bodies = recorded if sized else sheets
     r_m = margin_m(bodies)
-    smoothing = tuple(smoothed(one.centre_m, step_s) for one in tracks)
     steps = np.arange(change.first, change.last + 1)
     ways = []
-    for one, smooth, sheet in zip(tracks, smoothing, recorded, strict=True):
+    for one, smooth, sheet in zip(tracks, smoothing, bodies, strict=True):
         way = change.frame.place(smooth.centre_m[steps - one.step[0]])
         way[:, 0] += sheet.length_m / 2 - sheet.front_overhang_m  # from the centre to the front axle
         ways.append(way)
@@ -140,8 +137,7 @@ def event(traffic: Tracks, change: Change, *, sized: bool = True) -> Event | Ski
         crossed_s=(change.crossed - from_) * step_s,
         time_s=np.round(np.arange(len(front_m)) * step_s, 9),
         front_m=front_m,
-        recorded=recorded,  # type: ignore[arg-type]  # three of each
-        bodies=bodies,  # type: ignore[arg-type]
+        bodies=bodies,  # type: ignore[arg-type]  # three of each
         models=models,  # type: ignore[arg-type]
         r_m=r_m,
         lane_m=traffic.lanes[change.to_lane].width_m,
@@ -206,9 +202,25 @@ def _start(front_m: Array, asked_mps2: Array, r_m: float, crossed: int) -> int |
     )
 
 
-def _model(length_m: float) -> str:
-    """The shipped model that is nearest in length, by a factor."""
-    return min(MODELS, key=lambda name: abs(log(data_sheet(name).length_m / length_m)))
+def _model(length_m: float, centre_m: Array, step_s: float) -> str:
+    """The shipped model that is nearest in length, by a factor; if any can, one that can drive like that.
+
+    Args:
+        length_m: of the car, m.
+        centre_m: where it was, smoothed, (T, 2).
+        step_s: between two places, s.
+    """
+    sizes = {name: abs(log(data_sheet(name).length_m / length_m)) for name in MODELS}
+    nearest = sorted(MODELS, key=lambda name: sizes[name])
+    near = [name for name in nearest if sizes[name] <= log(STRETCH)]
+    speed_mps = np.hypot(*np.gradient(centre_m, step_s, axis=0).T)[:, None]
+    a_mps2 = np.gradient(speed_mps, step_s, axis=0)
+    for name in near:
+        car = BelievedCars.of([data_sheet(name)], limited=True)
+        lacks_n_m = wheel_torques(speed_mps, a_mps2, car)[1]
+        if (np.abs(lacks_n_m) <= LACKS_MPS2 * car.wheel_radius_m * car.effective_mass_kg).all():
+            return name
+    return nearest[0]
 
 
 def _slug(text: str) -> str:

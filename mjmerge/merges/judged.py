@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from mjmerge.config.acts import BODIES
 from mjmerge.errors import ModelError, ScenarioError
 from mjmerge.merges.event import Event, event
 from mjmerge.merges.margins import Margins, margins
@@ -71,7 +70,7 @@ def merges(
 ) -> Merges:
     """Every lane change of a file as a scenario, or why it is none; each is run once.
 
-    Cars have the sizes of the record, but on plants whose cars come as they are.
+    Cars have the sizes of the record; physical ones can be stretched to some only.
 
     Args:
         traffic: the file.
@@ -80,16 +79,16 @@ def merges(
         told: called with how many scenarios were run, of how many.
     """
     found, skipped, names = [], [], set[str]()
-    changes, sized = list(lane_changes(traffic)), plant not in BODIES
+    changes = list(lane_changes(traffic))
     for change in changes:
-        one = event(traffic, change, sized=sized) if isinstance(change, Change) else change
+        one = event(traffic, change) if isinstance(change, Change) else change
         if isinstance(one, Skipped):
             skipped.append(one)
             continue
         while one.name in names:
             one = replace(one, name=f"{one.name}_")
         names.add(one.name)
-        human = margins(one.time_s, one.front_m, one.recorded, one.r_m, one.lane_m)
+        human = margins(one.time_s, one.front_m, one.bodies, one.r_m, one.lane_m)
         for version in (one, *tightened(one, steps)):
             keys = scenario(version, traffic)
             try:
@@ -150,10 +149,7 @@ def _scenario_json(one: Merge, found: Merges, folder: str) -> dict[str, Any]:
         "crossed_s": what.crossed_s,
         "duration_s": one.scenario.duration_s,
         "smoothing_m": what.smoothing_m,
-        "length_m": {
-            "recorded": [body.length_m for body in what.recorded],
-            "driven": [body.length_m for body in what.bodies],
-        },
+        "length_m": [body.length_m for body in what.bodies],
         "sources": [source(what, found.traffic, j) for j in range(3)],
         "first_mps2": what.first_mps2,
         "least_gap_m": float(what.gap_m.min()),

@@ -50,7 +50,7 @@ def scenario(event: Event, traffic: Tracks) -> dict[str, Any]:
         "duration_s": duration_s,
         "control_step_s": step_s,
         "physics_step_s": own.physics_step_s,
-        "models": dict(zip(CARS, event.models, strict=True)) | (_sizes(event) if event.sized else {}),
+        "models": dict(zip(CARS, event.models, strict=True)) | _sizes(event),
         "road": {"lane_width_m": round(event.lane_m, 2)},
         "initial": {
             car: {
@@ -101,7 +101,6 @@ def described(event: Event, traffic: Tracks) -> str:
     """In a line."""
     change = event.change
     also = f"; {event.tightened}" if event.tightened else ""
-    also += "" if event.sized else f"; cars as their models come ({', '.join(event.models)})"
     return (
         f"Car {change.car} of {traffic.path.name} changes lanes behind {change.leader} and ahead of "
         f"{change.follower}, from {event.from_s:.1f} s; the law in its place{also}."

@@ -6,7 +6,7 @@ torques and steering angles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from math import log
 from typing import TYPE_CHECKING
@@ -15,14 +15,14 @@ from mjmerge.config import shipped
 from mjmerge.errors import ModelError, UnknownNameError
 from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.roster import PLANTS
-from mjmerge.scenario.cars import Misfit, data_sheet, misfits, on_plant
-from mjmerge.scenario.schema import Scenario
+from mjmerge.scenario.cars import data_sheet
+from mjmerge.scenario.schema import Models, Scenario
 
 if TYPE_CHECKING:
     from mjmerge.world.model import World
 
-OFF = 1.15
-"""A physical car may be off the length that is asked for by this factor, and off the width; it is told."""
+STRETCH = 1.6
+"""A physical car may be longer or shorter than its model by this factor; so its width and proportions."""
 
 __all__ = ["PLANTS", "Fault", "Plant", "Smooth", "check", "make"]
 
@@ -36,24 +36,33 @@ def check(name: str, scenario: Scenario) -> None:
             f"models.size is {scenario.models.size:g}, but mujoco's cars come in their own size: "
             "choose models of that size, and set models.size=1"
         )
-    if name == "mujoco":
-        wrong = [
-            one
-            for one in misfits(on_plant(scenario, name))
-            if one.key == "length_m" and not one.own_m / OFF <= one.asked_m <= one.own_m * OFF
-        ]
-        if wrong:
-            raise ModelError("\n".join(map(_refused, wrong)))
+    if name == "mujoco" and (wrong := list(_beyond(scenario.models, scenario.roster.cars))):
+        raise ModelError("\n".join(wrong))
 
 
-def _refused(one: Misfit) -> str:
-    """A car that is not nearly as long as is asked, and the model that is nearest to that."""
-    sizes = {model: data_sheet(model).length_m for model in shipped.models()}
-    nearest = min(sizes, key=lambda model: abs(log(sizes[model] / one.asked_m)))
-    return (
-        f"models.{one.key}.{one.car}: {one.sentence}, and mujoco's cars come as they are, to {OFF - 1:.0%}; "
-        f"the nearest shipped model is {nearest}, {sizes[nearest]:g} m, and null takes it as it is"
-    )
+def _beyond(models: Models, cars: Sequence[str]) -> Iterator[str]:
+    """Cars that their model cannot be stretched to, in words, with the model that is nearest to that."""
+    sides = {"length_m": "long", "width_m": "wide"}
+    sheets = {model: data_sheet(model) for model in shipped.models()}
+    for car in cars:
+        own, by = data_sheet(models.of(car)), {}
+        for key, side in sides.items():
+            own_m, asked_m = getattr(own, key), getattr(models, key).of(car)
+            by[key] = 1.0 if asked_m is None else asked_m / own_m
+            if not 1 / STRETCH <= by[key] <= STRETCH:
+                nearest = min(sheets, key=lambda model: abs(log(getattr(sheets[model], key) / asked_m)))
+                size = f"; the nearest shipped model is {nearest}, {getattr(sheets[nearest], key):g} m"
+                yield (
+                    f"models.{key}.{car}: {models.of(car)} is {own_m:g} m {side}, and mujoco's cars are "
+                    f"stretched by a factor of {STRETCH:g} at most, so not to {asked_m:g} m"
+                    + (size if nearest != models.of(car) else "")
+                )
+        each = all(1 / STRETCH <= one <= STRETCH for one in by.values())
+        if each and not 1 / STRETCH <= by["width_m"] / by["length_m"] <= STRETCH:
+            yield (
+                f"models.width_m.{car}: {models.of(car)} would be {by['length_m']:.3g} times as long and "
+                f"{by['width_m']:.3g} times as wide; on mujoco these differ by {STRETCH:g} times at most"
+            )
 
 
 def make(name: str, scenarios: Sequence[Scenario], world: World | None, threads: int) -> Plant:

@@ -24,7 +24,7 @@ from mjmerge.record.read import Recorded, read
 from mjmerge.review.check import differing
 from mjmerge.review.claims import what_follows
 from mjmerge.review.recover import CUT_OFF
-from mjmerge.scenario.cars import on_plant
+from mjmerge.scenario.cars import equipped
 from mjmerge.scenario.metrics import find, metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
@@ -261,7 +261,7 @@ def _world(found: Recorded, scenario: Scenario) -> World:
 def _other_world(found: Recorded, scenario: Scenario) -> bool | None:
     """Whether the models of these names give another world here, or have other data sheets."""
     try:
-        here = on_plant(scenario.with_sheets(None), str(found.manifest["plant"]))
+        here = equipped(scenario.with_sheets(None))
         world = build(here)
     except UnknownNameError:
         return None

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 from mjmerge.config import shipped
-from mjmerge.config.acts import BODIES
 from mjmerge.config.doors import Code, code_of, from_outside
 from mjmerge.config.read import LARGEST_FILE_BYTES, raise_problems, read, validated
 from mjmerge.scenario.schema import Models, Scenario
@@ -46,7 +43,7 @@ def _data_sheet(path: Path, content: bytes) -> DataSheet:
 
 
 def sheet_of(models: Models, car: str) -> DataSheet:
-    """The data sheet of a car at the size that is asked of it, as ideal plants have it."""
+    """The data sheet of a car at the size that is asked of it."""
     sheet = data_sheet(models.of(car)).sized(models.size)
     return sheet.stretched(models.length_m.of(car), models.width_m.of(car))
 
@@ -58,45 +55,9 @@ def car_sheets(scenario: Scenario) -> list[DataSheet]:
     return [sheet_of(scenario.models, car) for car in scenario.roster.cars]
 
 
-def on_plant(scenario: Scenario, plant: str) -> Scenario:
-    """The scenario with its data sheets settled, whatever becomes of the models: mujoco's as its cars are."""
-    stretched = scenario.sheets is None or (scenario.models.resized and not any(misfits(scenario)))
-    if stretched and plant in BODIES:
-        return scenario.with_sheets(tuple(map(data_sheet, scenario.car_models)))
+def equipped(scenario: Scenario) -> Scenario:
+    """The scenario with its data sheets settled, whatever becomes of the models."""
     return scenario.with_sheets(tuple(car_sheets(scenario)))
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """A car whose body is not of the size that its scenario asks for.
-
-    Attributes:
-        car: which.
-        key: of its data sheet, ``length_m`` or ``width_m``.
-        own_m: what it is, m.
-        asked_m: what it should be, m.
-    """
-
-    car: str
-    key: str
-    own_m: float
-    asked_m: float
-
-    @property
-    def sentence(self) -> str:
-        """It in words."""
-        side = "long" if self.key == "length_m" else "wide"
-        return f"{self.car} is {self.own_m:g} m {side}, not {self.asked_m:g} m as it should be"
-
-
-def misfits(scenario: Scenario) -> Iterator[Misfit]:
-    """Where cars are not of the size that is asked for: where their sheets are those of physical cars."""
-    sheets = dict(zip(scenario.roster.cars, car_sheets(scenario), strict=True))
-    for key in ("length_m", "width_m"):
-        for car, asked_m in getattr(scenario.models, key).said.items():
-            own_m = getattr(sheets[car], key)
-            if own_m != asked_m:
-                yield Misfit(car, key, own_m, asked_m)
 
 
 def believed_sheets(scenario: Scenario) -> list[DataSheet]:

@@ -120,10 +120,10 @@ class Models(PerCar):
     come as they are."""
 
     length_m: Lengths = Lengths()
-    """How long each car is, nose to tail, m: its data sheet is stretched to that. On mujoco cars come as they
-    are: one that is off by more than 15 % is refused."""
+    """How long each car is, nose to tail, m: its data sheet is stretched to that, and on mujoco the car,
+    by a factor of 1.6 at most."""
     width_m: Lengths = Lengths()
-    """How wide each car is, m; likewise, and nobody is refused for that."""
+    """How wide each car is, m; likewise."""
 
     @property
     def resized(self) -> bool:

@@ -105,7 +105,8 @@ class Cma:
             away = np.linalg.norm(good[:, None] - np.array(self._ends), axis=2).min(axis=1)
             start = good[int(np.argmax(away))]
         spread = _SPREAD if not self._ends else _SPREAD_LATER
-        options = {"popsize": TOGETHER, "seed": int(self._rng.integers(1, 2**31)), "verbose": -9}
+        draws = np.random.RandomState(int(self._rng.integers(1, 2**31)))  # its own, and nobody else's
+        options = {"popsize": TOGETHER, "seed": np.nan, "randn": draws.randn, "verbose": -9}
         self._search = cma.CMAEvolutionStrategy(start, spread, options)
         self._best, self._still = np.inf, 0
 

@@ -11,7 +11,7 @@ from mjmerge.errors import MjmergeError
 from mjmerge.law import lacking
 from mjmerge.law.several import COMMON
 from mjmerge.plant import check
-from mjmerge.scenario.cars import car_sheets, on_plant
+from mjmerge.scenario.cars import car_sheets, equipped
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.arguments import check_scenario
@@ -65,7 +65,7 @@ def simulate_each(
         check(plant, scenario)
         check_effect(scenario, plant, continuous=continuous)
         check_runs(scenario, 1, (seed, seed), [scenario.mismatch])
-    settled = [on_plant(scenario.settled(), plant) for _, scenario in cases]
+    settled = [equipped(scenario.settled()) for _, scenario in cases]
     batches: list[tuple[object, list[int]]] = []
     for i, scenario in enumerate(settled):
         key = (i,) if continuous else alike(scenario)

@@ -13,7 +13,7 @@ from mjmerge.law import Decision, Geometry, Law, Laws, Memory, Sensed, geometry
 from mjmerge.law.base import OWN_DISTANCES
 from mjmerge.law.sensed import of_each
 from mjmerge.plant import check, make
-from mjmerge.scenario.cars import believed_sheets, on_plant
+from mjmerge.scenario.cars import believed_sheets, equipped
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.ramp import Ramp
@@ -78,7 +78,7 @@ def simulate(
     check_run(scenario, plant, runs, seed, threads, cases, continuous=continuous, world=world)
     check(plant, scenario)
     check_effect(scenario, plant, continuous=continuous, mismatches=[m for _, m in cases or ()])
-    scenario = on_plant(scenario.settled(), plant)
+    scenario = equipped(scenario.settled())
     if cases is None:
         check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
         cases = [(seed + i, scenario.mismatch) for i in range(runs)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import hypot
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -79,7 +80,9 @@ class DataSheet(Frozen):
         return self.model_copy(update={name: size * getattr(self, name) for name in lengths})
 
     def stretched(self, length_m: float | None, width_m: float | None) -> DataSheet:
-        """The sheet of a car of another length or width, with its axles in proportion; all else stays.
+        """The sheet of a car of another length or width, with its axles in proportion.
+
+        It turns as hard as a plate of its new sides does over one of its own; all else stays.
 
         Args:
             length_m: of the body, m; ``None``: its own.
@@ -90,7 +93,9 @@ class DataSheet(Frozen):
             if whole_m is not None:
                 own_m = getattr(self, names[0])
                 update |= {name: whole_m * (getattr(self, name) / own_m) for name in names}
-        return self.model_copy(update=update)
+        sides = hypot(update.get("length_m", self.length_m), update.get("width_m", self.width_m))
+        turns = (sides / hypot(self.length_m, self.width_m)) ** 2
+        return self.model_copy(update=update | {"yaw_inertia_kg_m2": turns * self.yaw_inertia_kg_m2})
 
     @property
     def effective_mass_kg(self) -> float:

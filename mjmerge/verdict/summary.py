@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.config.acts import BODIES
-from mjmerge.scenario.cars import misfits
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import Trace
@@ -193,8 +191,6 @@ def ground(
     cars = [Acceptance(name, known["state"], tuple(known["failed"])) for name, known in accepted.items()]
     doubts = [car.sentence for car in cars if car.sentence]
     doubts += [sentence(car, one) for car, one in found.get("strays", {}).items() if not one["within"]]
-    if plant in BODIES:
-        doubts += [one.sentence for one in misfits(scenario)]
     doubts += [f"the scenario's {key} is without effect: it {why}" for key, why in idle.items()]
     return {"verdict_doubts": doubts, "no_effect": list(idle), "acceptance": dict(accepted)}
 

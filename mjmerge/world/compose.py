@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
@@ -41,6 +41,7 @@ from mjmerge.world.checks.parts import BRAKE, DRIVE, STEER
 from mjmerge.world.contained import contained
 from mjmerge.world.model import HARDEST, IMPRATIO, LONGEST_STEP_S, World
 from mjmerge.world.road import Line, mark, markings
+from mjmerge.world.stretch import stretched
 
 with warnings.catch_warnings():  # dm_control looks for a window on import, and warns where there is none
     warnings.filterwarnings("ignore", module="glfw")
@@ -64,19 +65,26 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
         ModelError: a car model lacks something, or the composition lost an option.
     """
     mismatch = mismatch or (scenario.mismatch,)
-    world = _made(
+    return _made(
         dict(zip(scenario.roster.cars, scenario.car_models, strict=True)),
         tuple(markings(scenario)),
         {"ego": max(m.command_delay_s for m in mismatch)},
+        sizes=tuple(_sizes(scenario)),
         friction=mismatch[0].friction,
         tyres="slip" if any(m.tyres == "slip" for m in mismatch) else "ideal",
         physics_step_s=scenario.physics_step_s,
         substeps=scenario.substeps,
     )
-    if scenario.sheets is None or not scenario.models.resized:
-        return world
-    own = tuple(sheet.sized(1 / scenario.models.size) for sheet in scenario.sheets)
-    return replace(world, sheets=own)
+
+
+def _sizes(scenario: Scenario) -> Iterator[tuple[str, float | None, float | None]]:
+    """Length and width that are asked of each car for which they are, m, where cars have their own size."""
+    models = scenario.models
+    for car in scenario.roster.cars:
+        length_m, width_m = models.length_m.of(car), models.width_m.of(car)
+        if length_m is not None or width_m is not None:
+            size = models.size
+            yield car, length_m and length_m / size, width_m and width_m / size
 
 
 def single(model: str, *, delays_s: Mapping[str, float] | None = None, **options: Any) -> World:
@@ -113,6 +121,7 @@ def compose(
     friction: float = 1.0,
     tyres: Tyre = "slip",
     delays_s: Mapping[str, float] | None = None,
+    sizes: Sequence[tuple[str, float | None, float | None]] = (),
     physics_step_s: float = 0.001,
     substeps: int = 1,
     draw: Callable[[mjcf.RootElement], None] | None = None,
@@ -124,6 +133,7 @@ def compose(
         friction: between all tyres and the road, 1.
         tyres: whether they slip.
         delays_s: longest dead time of the commands of a car, s, by its name; see ``vehicle/delay.py``.
+        sizes: cars that are of another length or width than their models, and both, m, ``None`` for its own.
         physics_step_s: time step, s.
         substeps: time steps of a control step, over which the forces between the cars are kept.
         draw: adds to the picture of the road.
@@ -193,6 +203,12 @@ def compose(
         "disableflags": mujoco.mjtDisableBit.mjDSBL_AUTORESET,
     }
     _check_model(model, list(differences(model, without_cars, asked, cars)), files, sheets)
+    if sizes:  # what is stretched has been checked as it comes
+        of = dict(zip(cars, sheets, strict=True))
+        made = {car: of[car].stretched(length_m, width_m) for car, length_m, width_m in sizes}
+        ways = {c: (s.length_m / of[c].length_m, s.width_m / of[c].width_m) for c, s in made.items()}
+        xml, sheets = stretched(xml, ways), tuple((of | made).values())
+        model = mujoco.MjModel.from_xml_string(xml)
     return World(model, xml, cars, sheets, tyres)
 
 
@@ -212,8 +228,9 @@ def attached(model: mujoco.MjModel, xml: str, sheets: Sequence[DataSheet], scena
     if model.opt.timestep != physics_step_s:
         raise ModelError(f"its world has time steps of {model.opt.timestep:g} s, not {physics_step_s:g} s")
     findings: list[Finding] = []
+    resized = {car for car, _, _ in _sizes(scenario)}
     for car, sheet in zip(cars, sheets, strict=True):
-        one = Car(model, car, sheet)
+        one = Car(model, car, sheet, stretched=car in resized)
         try:
             for check in (car_checks, car_joints, car_controls, car_sizes):
                 findings += check.findings(one)

@@ -15,7 +15,6 @@ from mjmerge.merges.judged import merges
 from mjmerge.merges.margins import entered_s, margins
 from mjmerge.merges.scenario import scenario, written
 from mjmerge.merges.tighten import LEAST_GAP, tightened
-from mjmerge.plant import check
 from mjmerge.scenario.cars import data_sheet
 from mjmerge.traffic.changes import Change, Skipped, lane_changes
 from mjmerge.traffic.commonroad import read_commonroad
@@ -77,15 +76,15 @@ def test_the_ego_starts_where_the_human_was_on_the_left_whichever_side_it_comes_
     assert one.mirrored == (side < 0)
 
 
-def test_on_a_plant_whose_cars_come_as_they_are_they_do_and_the_scenario_says_so(tmp_path):
-    traffic, _ = events(tmp_path, THREE)
-    (one,) = (event(traffic, change, sized=False) for change in lane_changes(traffic))
-    loaded = mjmerge.load(scenario(one, traffic))
-    check("mujoco", loaded)
-    assert "cars as their models come (sedan, van, sedan)" in loaded.description
-    assert [body.length_m for body in one.bodies] == [4.7, 5.9, 4.7]
-    assert [body.length_m for body in one.recorded] == [4.7, 9.0, 4.7]
-    assert one.r_m == margin_m([data_sheet(name) for name in one.models])
+@pytest.mark.parametrize(("peak_mps2", "model"), [(1.0, "van"), (4.0, "sedan")])
+def test_a_car_gets_the_nearest_model_that_can_drive_like_its_record(tmp_path, peak_mps2, model):
+    t = np.arange(80) * 0.1  # a pull of 3 s, as long as a van's
+    hard = np.where((t >= 2) & (t < 5), peak_mps2 * (1 - np.cos(2 * np.pi * (t - 2) / 3)) / 2, 0.0)
+    speed_mps = 12 + np.cumsum(hard) * 0.1
+    leader = Car("8", 124 + np.cumsum(speed_mps) * 0.1, np.full(80, 0.0), length_m=5.8)
+    _, (one,) = events(tmp_path, [changing("7", 100.0, 12.0, LANE_M, 0.0), leader, THREE[2]])
+    assert one.models == ("sedan", model, "sedan")
+    assert one.bodies[1].length_m == 5.8
 
 
 def test_the_scenario_that_is_written_is_the_one_that_was_run(tmp_path):

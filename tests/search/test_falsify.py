@@ -176,6 +176,22 @@ def searched(cost, batches, size=3, seed=0):
     return asked
 
 
+@pytest.mark.parametrize("others", ["another search between its batches", "whoever draws from numpy"])
+def test_a_search_asks_for_its_points_whatever_else_draws(others):
+    def points(disturb):
+        method, beside, asked = methods.Cma(4, 3), methods.Cma(4, 5), []
+        for _ in range(12):
+            asked.append(method.ask())
+            method.tell([float(np.sum((point - 0.3) ** 2)) for point in asked[-1]])
+            if disturb and others.startswith("another"):
+                beside.tell([float(np.sum(point)) for point in beside.ask()])
+            elif disturb:
+                np.random.rand()  # noqa: NPY002  # the stream that all share
+        return np.concatenate(asked)
+
+    np.testing.assert_array_equal(points(disturb=True), points(disturb=False))
+
+
 def test_a_method_starts_at_the_best_of_what_was_drawn_and_begins_anew_when_it_is_still():
     goal = np.array([0.4, 0.6, 0.5])
     asked = searched(lambda point: float(np.linalg.norm(point - goal)), 60)

@@ -30,11 +30,13 @@ class Car:
         model: the world.
         name: of the car in it.
         sheet: what is believed of it.
+        stretched: whether its model was to get there, so that its yaw inertia is that of a plate.
     """
 
     model: mujoco.MjModel
     name: str
     sheet: DataSheet
+    stretched: bool = False
 
     @cached_property
     def data(self) -> Any:

@@ -16,6 +16,8 @@ from mjmerge.world.checks.findings import Finding
 
 SAME_INERTIA = 0.05
 """The same as SAME, of the yaw inertia, which is estimated more often than it is measured."""
+SAME_INERTIA_STRETCHED = 0.15
+"""And of a car that was stretched: its mass lies otherwise than a plate's."""
 _UNITS = {
     "power_limit_w": "W",
     "steer_rate_limit_radps": "rad/s",
@@ -101,7 +103,7 @@ def _masses(car: Car) -> Iterator[Finding]:
         axes = car.data.ximat[body].reshape(3, 3)
         own = axes @ np.diag(model.body_inertia[body]) @ axes.T
         yaw += float(own[2, 2] + kg * np.square((where - centre)[:2]).sum())
-    inertia = SAME_INERTIA * sheet.yaw_inertia_kg_m2
+    inertia = (SAME_INERTIA_STRETCHED if car.stretched else SAME_INERTIA) * sheet.yaw_inertia_kg_m2
     yield from off(car, *chassis, "the yaw inertia kg·m²", yaw, "yaw_inertia_kg_m2", inertia)
     spinning = sum(model.dof_M0[car.of("joint", f"spin_{w}").dofadr[0]] for w in WHEELS)
     rotating = float(spinning) / sheet.wheel_radius_m**2
