@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from typing import Annotated
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, most_threads, most_workers
 from mjmerge.errors import MjmergeError
+
+if TYPE_CHECKING:
+    from mjmerge.sweep.workers import Workers
 
 Overrides = Annotated[
     tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
@@ -39,6 +44,21 @@ MOST_SEEDS = 1000
 def processes(workers: int) -> int:
     """How many processes are meant by a number of workers: with 0 one per core that there is for us."""
     return workers or len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else [0])
+
+
+@contextmanager
+def team(workers: int) -> Iterator[Workers]:
+    """Who does the work of a command; what was done again, as somebody died, it says on standard error.
+
+    Args:
+        workers: how many, 0 for one per core.
+    """
+    from mjmerge.sweep.workers import Workers, at_work
+
+    with at_work(Workers(processes(workers))) as found:
+        yield found
+    if found.losses:
+        print(f"mjmerge: work was lost with a worker {found.losses} times, and done again", file=sys.stderr)
 
 
 def at_least(least: int, **given: int) -> None:

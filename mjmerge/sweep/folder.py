@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import secrets
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +15,9 @@ from mjmerge.config import shipped
 from mjmerge.errors import OutputError
 from mjmerge.outputs import cannot_write
 from mjmerge.scenario.cars import codes
+from mjmerge.sweep.losses import lost_of
 from mjmerge.sweep.plan import Batch, Plan
-from mjmerge.sweep.workers import Shard
+from mjmerge.sweep.shards import Shard
 from mjmerge.versions import versions
 
 if TYPE_CHECKING:
@@ -71,7 +74,7 @@ def _digest(*parts: bytes | str) -> str:
 
 
 def claim(folder: Path, whose: dict[str, Any]) -> None:
-    """Makes the folder this plan's, or finds that it is.
+    """Makes the folder this plan's, or finds that it is; of several at once, one makes it.
 
     Raises:
         OutputError: it is no folder, cannot be written, or is something else's.
@@ -79,20 +82,28 @@ def claim(folder: Path, whose: dict[str, Any]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         plan = folder / PLAN
-        if plan.exists():
-            changed = _changed(plan.read_bytes(), whose)
-            if changed:
-                raise OutputError(
-                    f"{folder} holds a sweep begun with another {', another '.join(changed)}; rows of both "
-                    "would not compare: choose another --out, or remove that folder"
-                )
-        elif any(p.suffix != ".partial" for p in folder.iterdir()):
+        if not plan.exists() and any(p.suffix != ".partial" for p in folder.iterdir()) and not plan.exists():
             raise OutputError(f"{folder} is not empty, and holds no sweep: choose another --out")
-        (folder / SHARDS).mkdir(exist_ok=True)
         if not plan.exists():
-            _replace(plan, (json.dumps(whose, indent=2) + "\n").encode())
+            _replace(plan, (json.dumps(whose, indent=2) + "\n").encode(), keep=True)
+        changed = differing(folder, whose)
+        if changed:
+            raise OutputError(
+                f"{folder} holds a sweep begun with another {', another '.join(changed)}; rows of both "
+                "would not compare: choose another --out, or remove that folder"
+            )
+        (folder / SHARDS).mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
+def differing(folder: Path, whose: dict[str, Any]) -> list[str]:
+    """What of the plan that a folder is of is not as it is now, in words; of a plan's own folder nothing.
+
+    Raises:
+        OSError: it is no plan's.
+    """
+    return _changed((folder / PLAN).read_bytes(), whose)
 
 
 def _changed(text: bytes, now_is: dict[str, Any]) -> list[str]:
@@ -117,14 +128,16 @@ def place(folder: Path, shard: Shard) -> Path:
     return folder / SHARDS / f"{shard.number:06d}.parquet"
 
 
-def read(folder: Path, shard: Shard, schema: pa.Schema, known: pa.Table) -> pa.Table | None:
+def read(
+    folder: Path, shard: Shard, schema: pa.Schema, known: Callable[[Sequence[int]], pa.Table]
+) -> pa.Table | None:
     """A finished shard's rows; ``None`` where there are none, or they are damaged or another plan's.
 
     Args:
         folder: of the sweep.
         shard: which.
         schema: what columns it must have.
-        known: what some of them must say.
+        known: what some of them must say, of some runs.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -133,12 +146,14 @@ def read(folder: Path, shard: Shard, schema: pa.Schema, known: pa.Table) -> pa.T
     if not path.exists():
         return None
     try:
-        if pq.read_metadata(path).num_rows != len(shard.at):
+        if pq.read_metadata(path).num_rows > len(shard.at):
             return None  # before anything is unpacked
         found: pa.Table = pq.read_table(path, page_checksum_verification=True)
-        right = found.schema.equals(schema) and found.select(known.column_names).equals(known)
+        lost = lost_of(found)
+        described = known([i for i in shard.at if i not in lost])
+        right = found.schema.equals(schema) and found.select(described.column_names).equals(described)
         return found if right else None
-    except (pa.ArrowException, OSError, KeyError, ValueError):
+    except (pa.ArrowException, OSError, KeyError, ValueError, RecursionError):
         return None
 
 
@@ -155,15 +170,36 @@ def write(found: pa.Table, path: Path) -> None:
         raise cannot_write(path, error) from error
 
 
-def _replace(path: Path, content: bytes) -> None:
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+def _replace(path: Path, content: bytes, *, keep: bool = False) -> None:
+    """Writes a file, whole or not at all; ``keep`` leaves one that is there as it is."""
+    for tries in range(3, -1, -1):
+        partial = path.with_name(f"{path.name}.{secrets.token_hex(4)}.partial")
+        try:
+            with partial.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            if keep:
+                _link(partial, path)
+            else:
+                partial.replace(path)
+            return
+        except FileNotFoundError:  # somebody else was finished, and swept up what seemed to be left
+            if not tries:
+                raise
+        finally:
+            with suppress(OSError):
+                partial.unlink(missing_ok=True)
+
+
+def _link(partial: Path, path: Path) -> None:
+    """Gives a file its name, unless there is one of that name, made meanwhile by somebody else."""
     try:
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except OSError:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
+        os.link(partial, path)
+    except FileExistsError:
+        return
+    except FileNotFoundError:
         raise
+    except OSError:  # a file system without links
+        if not path.exists():
+            partial.replace(path)

@@ -25,8 +25,8 @@ from mjmerge.sweep import campaign, laws, tally
 from mjmerge.sweep import report as sweep_report
 from mjmerge.sweep.folder import SHARDS, TABLE, code_files, identity
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, rows
+from mjmerge.sweep.shards import shards
 from mjmerge.sweep.sweep import sweep
-from mjmerge.sweep.workers import shards
 from mjmerge.verdict.judge import judge
 
 CAMPAIGN = """\
@@ -352,16 +352,3 @@ def test_shards_are_of_much_the_same_size_and_bounded_in_ticks(file):
     assert [len(s.at) for s in shards(campaign.plan({"blocks": [block]}))] == [35, 35]
     long = block | {"set": {"duration_s": 1000}}
     assert max(len(s.at) for s in shards(campaign.plan({"blocks": [long]}))) * 100_001 <= 300_000
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="counts the processes of a Linux machine")
-def test_a_worker_that_dies_is_an_error_with_advice(file, tmp_path):
-    process = started(file, tmp_path / "out", "--workers", "2")
-    wait_for_shards(process, tmp_path / "out", 1)
-    for pid in children(process.pid):
-        if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
-            os.kill(pid, signal.SIGKILL)
-            break
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 3
-    assert "fewer --workers" in err
