@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 import secrets
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +25,21 @@ from mjmerge.versions import versions
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_NOT_OF_A_ROW = ("cli", "figures", "review", "starts")
+_ROOMS = (
+    "config",
+    "drivers",
+    "law",
+    "plant",
+    "scenario",
+    "simulation",
+    "traffic",
+    "vehicle",
+    "verdict",
+    "world",
+)
+_FILES = ("roster", "state", "sweep/plan", "sweep/rows", "sweep/shards", "sweep/table")
+"""What computes a row, of this package, with the rooms; and of others:"""
+_PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "daqp")
 PLAN, SHARDS, TABLE = "plan.json", "shards", "table.parquet"
 
 
@@ -46,17 +62,27 @@ def identity(plan: Plan) -> dict[str, Any]:
         "car models": _digest(
             *(path.read_bytes() for name in sorted(models) for path in _files(shipped.model_folder(name)))
         ),
-        "mjmerge's code": _digest(*(p.read_bytes() for p in code_files())),
-        "versions": versions(),
+        **computing(),
         **({"code from outside": _digest(*(c.sha256 for c in code))} if code else {}),
     }
 
 
+@cache
+def computing() -> dict[str, Any]:
+    """What any row depends on, wherever it is computed: the code that computes it, versions, the machine."""
+    found = versions(_PACKAGES)
+    return {
+        "mjmerge's code": _digest(*(path.read_bytes() for path in code_files())),
+        "kind of machine": platform.machine(),
+        "versions": found | {"python": ".".join(found["python"].split(".")[:2])},
+    }
+
+
 def code_files() -> list[Path]:
-    """What a row may depend on of this package: all of it but the command line, pictures and what reads."""
+    """What computes a row, of this package: neither the command line nor figures, recordings or searches."""
     package = Path(__file__).parents[1]
-    others = {package / room for room in _NOT_OF_A_ROW}
-    return [path for path in sorted(package.rglob("*.py")) if others.isdisjoint(path.parents)]
+    rooms = [path for room in _ROOMS for path in (package / room).rglob("*.py")]
+    return sorted([*rooms, *(package / f"{name}.py" for name in _FILES)])
 
 
 def _files(folder: Path) -> list[Path]:

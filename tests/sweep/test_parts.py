@@ -1,10 +1,11 @@
-"""Parts of a sweep: in any order, at once, twice and apart they make one table, and never of gaps or mixtures."""
+"""Parts of a sweep: in any order, at once, twice and apart they make one table; gaps and mixtures none."""
 
 from __future__ import annotations
 
 import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -86,7 +87,7 @@ def test_numbers_in_a_row_are_written_as_one(numbers):
         first, _, last = text.partition(" to ")
         said.append((int(first), int(last or first)))
     assert [n for first, last in said for n in range(first, last + 1)] == sorted(numbers)
-    assert all(a[1] + 1 < b[0] for a, b in zip(said, said[1:], strict=False))
+    assert all(a[1] + 1 < b[0] for a, b in pairwise(said))
 
 
 def test_parts_one_after_the_other_say_what_is_missing_and_the_last_makes_the_table(plan, whole, capsys):
