@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Overrides, at_least, team
+from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold
 from mjmerge.errors import MjmergeError
@@ -36,6 +36,8 @@ class Sweep:
     with the axes and what else was set in its name."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
+    machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009
+    """Who does the work."""
     part: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None
     """Run every N-th shard of a campaign, from the K-th on: for job arrays. All parts use the same folder, in
     any order or at once; whichever finds everything there writes the table."""
@@ -65,6 +67,7 @@ class Sweep:
         """Run the command; return its exit code."""
         at_least(0, workers=self.workers, seed=self.seed)
         at_least(1, seeds=self.seeds)
+        self.machines.check()
         if self.ladder and self.break_:
             raise MjmergeError("--ladder and --break are two things: choose one")
         if not (self.ladder or self.break_):
@@ -98,7 +101,7 @@ class Sweep:
             if not self.merge:
                 raise MjmergeError("--merge takes the folders of the parts: --merge DIR DIR")
             return campaign.merge(planned, folder, self.merge, as_json=self.json)
-        return campaign.run(planned, folder, part, team(self.workers), as_json=self.json)
+        return campaign.run(planned, folder, part, team(self.workers, self.machines), as_json=self.json)
 
     def _ladder(self) -> int:
         from rich.console import Console
@@ -107,7 +110,7 @@ class Sweep:
         from mjmerge.search import ladder
         from mjmerge.sweep.plan import given
 
-        with team(self.workers) as who, runs_bar(len(ladder.RUNGS)) as progress:
+        with team(self.workers, self.machines) as who, runs_bar(len(ladder.RUNGS)) as progress:
             found = ladder.climb(
                 self.what, given(self.set_), who, seed=self.seed, progress=lambda done: progress(done, 0)
             )
@@ -145,7 +148,7 @@ class Sweep:
         seeds = range(self.seed, self.seed + self.seeds)
         folder = self.out or breaking_folder(name, self.plant, self.break_, self.until, seeds, self.set_)
         self._prepare(folder, breaking_report.FILES)
-        with team(self.workers) as who:
+        with team(self.workers, self.machines) as who:
             found = breaking.search(
                 self.what,
                 self.plant,

@@ -257,7 +257,28 @@ def code_of(name: str) -> Code:
     return Code(name, data.decode("utf-8", errors="replace"), sha256(data).hexdigest())
 
 
+def let_in() -> dict[str, str]:
+    """Of each file that this process has let in, its text, by path."""
+    paths = [os.fsdecode(bytes.fromhex(name.removeprefix(_PREFIX))) for name in [*sys.modules] if _is(name)]
+    return {path: _read(Path(path)).decode("utf-8", errors="surrogateescape") for path in paths}
+
+
+def _is(name: str) -> bool:
+    """Whether a module is a file from outside."""
+    return name.startswith(_PREFIX)
+
+
+def carry(texts: Mapping[str, str]) -> None:
+    """Brings the text of files that this machine may not have; these count, whatever is there."""
+    _carried.update({path: text.encode("utf-8", errors="surrogateescape") for path, text in texts.items()})
+
+
+_carried: dict[str, bytes] = {}
+
+
 def _read(path: Path) -> bytes:
+    if str(path) in _carried:
+        return _carried[str(path)]
     try:
         with path.open("rb") as file:
             data = file.read(LARGEST_CODE_BYTES + 1)

@@ -94,7 +94,7 @@ class _Piece:
 
 
 @dataclass(frozen=True)
-class _Raised:
+class Raised:
     """An error of a task: of the work, not of who does it."""
 
     error: Exception
@@ -280,7 +280,7 @@ class Workers:
                             queue.extend(piece.singly())
                             continue
                         gone(piece, f"{piece.lost} times of {piece.lost}{_said(error)}")
-                    elif isinstance(made, _Raised):
+                    elif isinstance(made, Raised):
                         raise made.error
                     else:
                         took(piece, made)
@@ -327,7 +327,7 @@ def _said(error: Exception) -> str:
 
 def _attempt(
     task: Callable[[Sequence[Any], int], Sequence[Any]], items: Sequence[Any], threads: int
-) -> Sequence[Any] | _Raised:
+) -> Sequence[Any] | Raised:
     """Does a task; what it raises is an answer, too, for what else is raised is no fault of the task."""
     try:
         return task(items, threads)
@@ -336,8 +336,8 @@ def _attempt(
         try:
             pickle.loads(pickle.dumps(error))
         except Exception:
-            return _Raised(RuntimeError(f"{type(error).__name__}: {error}"))
-        return _Raised(error)
+            return Raised(RuntimeError(f"{type(error).__name__}: {error}"))
+        return Raised(error)
 
 
 def _measure(cases: Sequence[Case], threads: int) -> list[dict[str, Any]]:
