@@ -60,7 +60,7 @@ class Machines:
     """With --engine ray, processors that each task takes, and as many threads."""
 
     def check(self) -> None:
-        """Refuses what does not go together.
+        """Refuses what does not go together, or is not installed.
 
         Raises:
             MjmergeError: something does not.
@@ -68,6 +68,10 @@ class Machines:
         at_least(1, cpus=self.cpus)
         if self.engine != "ray" and (self.address is not None or self.cpus != 1):
             raise MjmergeError("--address and --cpus are for --engine ray")
+        if self.engine == "ray":
+            from mjmerge.sweep.ray import needed
+
+            needed()
 
 
 @contextmanager

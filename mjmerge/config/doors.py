@@ -14,7 +14,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.abc import Loader, MetaPathFinder
@@ -259,13 +259,12 @@ def code_of(name: str) -> Code:
 
 def let_in() -> dict[str, str]:
     """Of each file that this process has let in, its text, by path."""
-    paths = [os.fsdecode(bytes.fromhex(name.removeprefix(_PREFIX))) for name in [*sys.modules] if _is(name)]
-    return {path: _read(Path(path)).decode("utf-8", errors="surrogateescape") for path in paths}
-
-
-def _is(name: str) -> bool:
-    """Whether a module is a file from outside."""
-    return name.startswith(_PREFIX)
+    ours = [name.removeprefix(_PREFIX) for name in [*sys.modules] if name.startswith(_PREFIX)]
+    found = {}
+    for path in (os.fsdecode(bytes.fromhex(name)) for name in ours):
+        with suppress(DoorError):  # gone meanwhile: who needs it says so
+            found[path] = _read(Path(path)).decode("utf-8", errors="surrogateescape")
+    return found
 
 
 def carry(texts: Mapping[str, str]) -> None:

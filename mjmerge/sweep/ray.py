@@ -46,6 +46,19 @@ def cluster(address: str | None, most: int, cpus: int) -> Workers:
         raise
 
 
+def needed() -> Any:
+    """Ray, the package.
+
+    Raises:
+        MjmergeError: it is not installed.
+    """
+    try:
+        import ray
+    except ImportError:
+        raise MjmergeError("the engine ray needs Ray: pip install 'mjmerge[ray]'") from None
+    return ray
+
+
 class Cluster:
     """The workers of a Ray cluster, for as long as this process is connected to it.
 
@@ -54,10 +67,7 @@ class Cluster:
 
     def __init__(self, address: str | None, most: int, cpus: int) -> None:
         """Connects; see :func:`cluster`."""
-        try:
-            import ray
-        except ImportError:
-            raise MjmergeError("the engine ray needs Ray: pip install 'mjmerge[ray]'") from None
+        ray = needed()
         self._ray, self._cpus = ray, cpus
         self._staged = Path(mkdtemp(prefix="mjmerge-"))
         self._quiet = _no_standard_output()

@@ -91,18 +91,17 @@ def test_numbers_in_a_row_are_written_as_one(numbers):
 
 
 def test_parts_one_after_the_other_say_what_is_missing_and_the_last_makes_the_table(plan, whole, capsys):
-    found = []
-    for k in (3, 1, 1, 2):
-        assert not Path("out", TABLE).exists()
-        code, out, err = command(capsys, "--part", f"{k}/3", "--out", "out", "--workers", 1, "--json")
-        assert (code, err) == (0, "")
-        found.append(json.loads(out))
-    assert [(one["runs"], one.get("missing"), one.get("missing_parts")) for one in found] == [
-        (2, 4, ["1/3", "2/3"]),
-        (2, 2, ["2/3"]),
-        (2, 2, ["2/3"]),
-        (6, None, None),
-    ]
+    for k, missing in ((3, [1, 2]), (1, [2]), (1, [2])):
+        found = do_part(plan, Path("out"), Part(k, 3), HERE)
+        assert (found.table, found.mine.num_rows) == (None, 2)
+        assert Part(k, 3).others(found.missing) == [Part(one, 3) for one in missing]
+    words = ("--out", "out", "--workers", 1, "--json")
+    code, out, err = command(capsys, "--part", "1/3", *words)
+    found = {"campaign": "c", "part": "1/3", "runs": 2, "missing": 2, "missing_parts": ["2/3"]}
+    assert (code, err, json.loads(out)) == (0, "", found | {"lost": [], "out": "out"})
+    assert not Path("out", TABLE).exists()
+    code, out, err = command(capsys, "--part", "2/3", *words)
+    assert (code, err, json.loads(out)["runs"]) == (0, "", 6)
     assert Path("out", TABLE).read_bytes() == whole
     assert Path("out/report.md").exists()
     assert not list(Path("out").rglob("*.partial"))
@@ -133,12 +132,12 @@ def test_parts_of_different_plans_do_not_share_a_folder(plan):
 
 def test_parts_in_folders_apart_are_made_one_with_the_same_bytes(plan, whole, capsys):
     folders = apart(plan)
-    code, out, err = command(capsys, "--merge", *folders, "--out", "out", "--json")
-    assert (code, err) == (0, "")
-    assert json.loads(out)["runs"] == 6
+    merged(plan, folders, Path("out"))
     assert Path("out", TABLE).read_bytes() == whole
     assert sweep(plan, Path("out")).num_rows == 6  # a sweep like any other
-    assert merged(plan, folders[1:], folders[0]).num_rows == 6  # and into one of them
+    code, out, err = command(capsys, "--merge", *folders[1:], "--out", folders[0], "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["runs"] == 6
     assert Path(folders[0], TABLE).read_bytes() == whole
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import threading
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -16,7 +17,8 @@ from hypothesis import strategies as st
 from mjmerge.cli import main
 from mjmerge.errors import WorkerError
 from mjmerge.sweep import campaign, losses
-from mjmerge.sweep.folder import TABLE
+from mjmerge.sweep.folder import TABLE, computing
+from mjmerge.sweep.ray import unlike
 from mjmerge.sweep.shards import Shard
 from mjmerge.sweep.sweep import measured, sweep
 from mjmerge.sweep.workers import AGAIN, Workers, at_work
@@ -28,6 +30,10 @@ SMALL = {
     "grid": {"law.k_o": [0.5, 0.8, 1]},
     "seeds": 2,
 }
+
+
+TWO = {"blocks": [SMALL | {"grid": {}, "seeds": 4}, SMALL | {"grid": {}, "seeds": 2, "variants": ["gated"]}]}
+"""Two shards, the first of which has a run with seed 3."""
 
 
 class Death(BaseException):
@@ -195,6 +201,68 @@ def test_an_executor_that_breaks_ends_the_work_with_a_word_on_what_is_kept():
         Workers.on(executor, 2).each(print, [1, 2])
 
 
+class Later:
+    """What a job scheduler's executor gives: it can be asked, and that is all."""
+
+    def __init__(self, made) -> None:
+        self._made, self._asked = made, 0
+
+    def done(self) -> bool:
+        self._asked += 1
+        return self._asked > 2
+
+    def result(self):
+        assert self._asked > 2
+        return self._made
+
+
+def test_an_executor_may_give_anything_that_can_be_asked_whether_it_is_done():
+    class Jobs:
+        def submit(self, task, *given):
+            return Later(task(*given))
+
+    team = Workers.on(Jobs(), 2)
+    assert team.each(lambda items, _: [3 * item for item in items], range(5)) == [0, 3, 6, 9, 12]
+
+
+def test_a_node_that_computes_with_something_else_is_named_with_all_that_differs():
+    here = computing()
+    assert unlike("a", here, here) == []
+    other = {**here["versions"], "numpy": "1.0"}
+    other.pop("mujoco")
+    (said,) = unlike(
+        "10.0.0.2", here, here | {"versions": other, "mjmerge's code": "0", "kind of machine": "z80"}
+    )
+    assert said.startswith("node 10.0.0.2 would compute other rows: ")
+    assert f"numpy 1.0 (here {here['versions']['numpy']})" in said
+    assert "mujoco is missing" in said
+    assert "another mjmerge's code, another kind of machine" in said
+    assert "scipy" not in said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--engine", "ray"), "the engine ray needs Ray: pip install 'mjmerge[ray]'"),
+        (("--address", "auto"), "--address and --cpus are for --engine ray"),
+        (("--cpus", "2"), "--address and --cpus are for --engine ray"),
+        (("--engine", "ray", "--cpus", "0"), "--cpus is 0; it must be at least 1"),
+    ],
+)
+@pytest.mark.parametrize("command", ["sweep c.yaml", "falsify paper", "probability paper", "harden paper"])
+def test_an_engine_that_is_not_there_or_not_asked_for_is_told_in_a_line(
+    command, words, said, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    Path("c.yaml").write_text(json.dumps(TWO))
+    monkeypatch.setitem(sys.modules, "ray", None)  # what an import of something absent comes to
+    with pytest.raises(SystemExit) as stop:
+        main([*command.split(), *words])
+    out, err = capsys.readouterr()
+    assert (stop.value.code, out, err) == (2, "", f"mjmerge: {said}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["c.yaml"]
+
+
 def killing(monkeypatch, run):
     """From now on a run kills whoever works on it, in a crew of threads in place of processes."""
     from mjmerge.sweep import workers
@@ -208,10 +276,6 @@ def killing(monkeypatch, run):
 
     monkeypatch.setattr(workers, "measure", deadly)
     monkeypatch.setattr(workers, "Processes", Threads)
-
-
-TWO = {"blocks": [SMALL | {"grid": {}, "seeds": 4}, SMALL | {"grid": {}, "seeds": 2, "variants": ["gated"]}]}
-"""Two shards, the first of which has a run with seed 3."""
 
 
 def test_a_run_that_kills_is_named_its_row_is_missing_and_it_is_tried_again_later(
