@@ -29,7 +29,7 @@ blocks:
   - scenarios: [paper]
     plants: [double_integrator]
     set: {duration_s: 0.2, control_step_s: 0.02}
-    grid: {law.k_o: [0.5, 0.8, 1]}
+    variants: [literal, gated, one_sided]
     seeds: 2
 """
 
@@ -125,7 +125,7 @@ def test_of_more_parts_than_shards_one_runs_nothing_and_says_so(plan, capsys):
 
 def test_parts_of_different_plans_do_not_share_a_folder(plan):
     do_part(plan, Path("out"), Part(1, 3), HERE)
-    Path("c.yaml").write_text(TEXT.replace("0.8", "0.9"))
+    Path("c.yaml").write_text(TEXT.replace("gated", "z_floor"))
     with pytest.raises(OutputError, match="another campaign"):
         do_part(campaign.plan("c.yaml"), Path("out"), Part(2, 3), HERE)
 
