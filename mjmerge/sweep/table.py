@@ -48,9 +48,8 @@ def joined(plan: Plan, parts: Sequence[pa.Table], lost: Mapping[int, str] | None
 
     if lost is None:
         lost = {run: why for part in parts for run, why in losses.lost_of(part).items()}
-    schema = table(plan, (), ()).schema.remove_metadata()  # what is read from a file has remarks in its own
-    rows = pa.concat_tables(part.cast(schema) for part in parts)
-    found: pa.Table = rows.sort_by("run").combine_chunks().replace_schema_metadata(_told(plan, lost))
+    rows = pa.concat_tables(parts).sort_by("run")
+    found: pa.Table = rows.replace_schema_metadata(_told(plan, lost))
     return found
 
 
@@ -72,6 +71,7 @@ def _columns(plan: Plan, at: Sequence[int]) -> dict[str, pa.Array]:
     import pyarrow as pa
 
     cases = [plan.cases[i] for i in at]
+    texts = pa.list_(pa.field("element", pa.string()))  # as it is called when it is read from a file
     columns: dict[str, pa.Array] = {
         "run": pa.array(at, pa.int64()),
         "campaign": pa.array([plan.name] * len(cases), pa.string()),
@@ -81,7 +81,7 @@ def _columns(plan: Plan, at: Sequence[int]) -> dict[str, pa.Array]:
         "variant": pa.array([c.batch.scenario.law.label for c in cases], pa.string()),
         "mismatch": pa.array([c.point for c in cases], pa.string()),
         "seed": pa.array([c.seed for c in cases], pa.int64()),
-        "set": pa.array([list(c.overrides) for c in cases], pa.list_(pa.field("element", pa.string()))),
+        "set": pa.array([list(c.overrides) for c in cases], texts),
     }
     kinds = _kinds(plan)
     for axis in plan.axes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import threading
+import time
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -150,8 +151,15 @@ def test_what_is_lost_is_tried_again_three_times_before_it_is_taken_apart(kind):
     assert team.losses == 2 * (1 + AGAIN)
 
 
+class Slow(Threads):
+    """Who dies does so at once, while all others are still at work."""
+
+    def _do(self, future, task, given) -> None:
+        super()._do(future, lambda *of: (task(*of), time.sleep(0.02))[0], given)
+
+
 def test_after_a_death_in_company_each_is_tried_alone_so_that_nobody_is_blamed_for_another():
-    crew = Threads()
+    crew = Slow()
     _, _, tries, _ = swept(crew, [1] * 9, {4: 1000})
     assert max(times for run, times in tries.items() if run != 4) <= 2
     assert crew.renewed == 1 + AGAIN
