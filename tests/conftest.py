@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from hashlib import sha256
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     for what, example in _OWN.items():
         said = f"run the tests of every {what} over this one, such as {example}"
         parser.addoption(f"--{what}", action="append", default=[], metavar="ONE", help=said)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Tests on a cluster are long ones, and are none where there is no Ray."""
+    there = config.getoption("--long") and find_spec("ray") is not None
+    return True if collection_path.name == "test_ray.py" and not there else None
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Overrides, at_least, processes
+from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold, plain
 from mjmerge.errors import MjmergeError
@@ -66,6 +66,8 @@ class Falsify:
     """Folder for everything; by default falsified/<scenario>-<plant> with what else was set in its name."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
+    machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009
+    """Who does the work."""
     set_: Overrides = ()
     """Any scenario key; repeatable."""
     json: Flag = False
@@ -75,6 +77,7 @@ class Falsify:
         """Run the command; return its exit code."""
         at_least(1, budget=self.budget)
         at_least(0, seed=self.seed, workers=self.workers, findings=self.findings)
+        self.machines.check()
         from mjmerge.cli.places import falsified_folder
         from mjmerge.outputs import put
         from mjmerge.scenario.load import load
@@ -85,7 +88,6 @@ class Falsify:
         from mjmerge.search.kept import failing
         from mjmerge.search.methods import check
         from mjmerge.search.space import Ground
-        from mjmerge.sweep.workers import workers
 
         if self.from_ is not None and self.both:
             raise MjmergeError("--from and --both are two things: choose one")
@@ -104,18 +106,18 @@ class Falsify:
         name = ground.scenario.name
         folder = self.out or falsified_folder(name, self.plant, self._words(), digest)
         self._open(folder, digest)
-        with workers(processes(self.workers)) as team:
+        with team(self.workers, self.machines) as who:
             if samples is not None:
-                found = again(ground, samples, against=against, team=team)
+                found = again(ground, samples, against=against, team=who)
                 put(folder / LOOKS, log(found, digest))
             else:
-                found = self._search(self.method, ground, against, folder, digest, team)
+                found = self._search(self.method, ground, against, folder, digest, who)
             other: Method = "random" if self.method == "cma" else "cma"
-            beside = self._search(other, ground, against, folder, digest, team) if self.both else None
+            beside = self._search(other, ground, against, folder, digest, who) if self.both else None
             most = min(self.findings, len(found.failures))
             with runs_bar(most, "shrinking") as progress:
                 findings = differing(
-                    found, self.findings, against=against, team=team, told=lambda n: progress(n, 0)
+                    found, self.findings, against=against, team=who, told=lambda n: progress(n, 0)
                 )
         failures = self._record(found, findings, folder)
         write(found, findings, folder, against=against, beside=beside)
@@ -185,7 +187,7 @@ class Falsify:
             return record(found, findings, folder, lambda n: progress(n, 0))
 
     def _search(
-        self, method: Method, ground: Ground, against: Against, folder: Path, digest: str, team: Workers
+        self, method: Method, ground: Ground, against: Against, folder: Path, digest: str, who: Workers
     ) -> Search:
         from mjmerge.outputs import put
         from mjmerge.search.falsify import search
@@ -207,7 +209,7 @@ class Falsify:
                 method=method,
                 seed=self.seed,
                 against=against,
-                team=team,
+                team=who,
                 before=known,
                 told=told,
             )

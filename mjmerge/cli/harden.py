@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Overrides, at_least, processes
+from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold, plain
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, whole
@@ -51,6 +51,8 @@ class Harden:
     an earlier one makes way."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
+    machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009
+    """Who does the work."""
     set_: Overrides = ()
     """Any scenario key; repeatable."""
     json: Flag = False
@@ -64,6 +66,7 @@ class Harden:
         whole("--fresh", self.fresh, 1, MOST_ROUNDS)
         whole("--seed", self.seed, 0, MOST_SEED - 2 * MOST_ROUNDS)
         at_least(0, workers=self.workers)
+        self.machines.check()
         from rich.console import Console
 
         from mjmerge.outputs import prepare
@@ -73,7 +76,6 @@ class Harden:
         from mjmerge.search.keys import keys_of
         from mjmerge.search.methods import METHODS
         from mjmerge.search.space import Ground
-        from mjmerge.sweep.workers import workers
 
         ground = Ground.around(load(self.scenario, self.set_), self.plant)
         keys = keys_of(ground, self.key)
@@ -82,7 +84,7 @@ class Harden:
         if prepare(folder, self.out is None, FILES):
             _say(f"what was in {folder} was replaced")
         total = most_runs(self.budget, self.tries, self.rounds, self.fresh)
-        with workers(processes(self.workers)) as team, runs_bar(total) as progress:
+        with team(self.workers, self.machines) as who, runs_bar(total) as progress:
             found = harden(
                 ground,
                 keys,
@@ -91,7 +93,7 @@ class Harden:
                 rounds=self.rounds,
                 fresh=self.fresh,
                 seed=self.seed,
-                team=team,
+                team=who,
                 told=lambda done: progress(done, 0),
                 said=_say,
             )

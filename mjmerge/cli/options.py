@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from typing import Annotated
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, most_threads, most_workers
 from mjmerge.errors import MjmergeError
+
+if TYPE_CHECKING:
+    from mjmerge.sweep.workers import Workers
 
 Overrides = Annotated[
     tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
@@ -29,6 +35,7 @@ _MOST: dict[str, Callable[[], int]] = {
     "seed": lambda: MOST_SEED,
     "threads": most_threads,
     "workers": most_workers,
+    "cpus": most_threads,
 }
 MOST_FINDINGS = 100
 """Failures that a search shrinks."""
@@ -39,6 +46,54 @@ MOST_SEEDS = 1000
 def processes(workers: int) -> int:
     """How many processes are meant by a number of workers: with 0 one per core that there is for us."""
     return workers or len(os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else [0])
+
+
+@dataclass(frozen=True)
+class Machines:
+    """What does the work of a command; none of it changes the result."""
+
+    engine: Literal["processes", "ray"] = "processes"
+    """Processes of this machine, or the nodes of a Ray cluster (extra `ray`)."""
+    address: str | None = None
+    """With --engine ray, of the cluster, such as auto or HOST:6379; by default one begins on this machine."""
+    cpus: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    """With --engine ray, processors that each task takes, and as many threads."""
+
+    def check(self) -> None:
+        """Refuses what does not go together, or is not installed.
+
+        Raises:
+            MjmergeError: something does not.
+        """
+        at_least(1, cpus=self.cpus)
+        if self.engine != "ray" and (self.address is not None or self.cpus != 1):
+            raise MjmergeError("--address and --cpus are for --engine ray")
+        if self.engine == "ray":
+            from mjmerge.sweep.ray import needed
+
+            needed()
+
+
+@contextmanager
+def team(workers: int, machines: Machines) -> Iterator[Workers]:
+    """Who does the work of a command; what was done again, as somebody died, it says on standard error.
+
+    Args:
+        workers: how many, 0 for one per core.
+        machines: where.
+    """
+    from mjmerge.sweep.workers import Workers, at_work
+
+    if machines.engine == "ray":
+        from mjmerge.sweep.ray import cluster
+
+        who = cluster(machines.address, workers, machines.cpus)
+    else:
+        who = Workers(processes(workers))
+    with at_work(who) as found:
+        yield found
+    if found.losses:
+        print(f"mjmerge: work was lost with a worker {found.losses} times, and done again", file=sys.stderr)
 
 
 def at_least(least: int, **given: int) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Overrides, at_least, processes
+from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold, plain
 
@@ -47,6 +47,8 @@ class Probability:
     name."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
+    machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009
+    """Who does the work."""
     set_: Overrides = ()
     """Any scenario key; repeatable."""
     json: Flag = False
@@ -56,6 +58,7 @@ class Probability:
         """Run the command; return its exit code."""
         at_least(1, budget=self.budget)
         at_least(0, seed=self.seed, workers=self.workers)
+        self.machines.check()
         from rich.console import Console
 
         from mjmerge.cli.places import probability_folder
@@ -65,7 +68,6 @@ class Probability:
         from mjmerge.search.probability_report import correction, sentence, write
         from mjmerge.search.space import Ground
         from mjmerge.state import Array
-        from mjmerge.sweep.workers import workers
 
         ground = Ground.around(load(self.scenario, self.set_), self.plant)
         asked = Asked(self.below, self.budget, self.method, self.seed, self.screen)
@@ -76,7 +78,7 @@ class Probability:
         folder = self.out or settled(default, ground, asked)
         kept = Margins(folder, ground, asked)
         done = len(kept.known)
-        with workers(processes(self.workers)) as team, runs_bar(asked.runs) as progress:
+        with team(self.workers, self.machines) as who, runs_bar(asked.runs) as progress:
 
             def told(margins: Array) -> None:
                 nonlocal done
@@ -84,7 +86,7 @@ class Probability:
                 done += len(margins)
                 progress(done, len(kept.known))
 
-            found = probability(ground, asked, team=team, known=kept.known, told=told)
+            found = probability(ground, asked, team=who, known=kept.known, told=told)
         write(found, folder)
         if self.json:
             print(json.dumps(as_json(found) | {"out": str(folder)}))

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Overrides, at_least, processes
+from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold
 from mjmerge.errors import MjmergeError
@@ -23,7 +23,7 @@ class Sweep:
 
     A campaign is many runs: a table, a report, and failure rates with intervals. Interrupted, it goes on
     where it was when it is run again. Exit code 0: all runs ended, whatever came of them (`mjmerge check` is
-    the gate); 2: bad input; 3: some simulation ended early.
+    the gate); 2: bad input; 3: some simulation ended early, or kills whatever process it is run in.
     """
 
     kept: ClassVar[str] = "what is finished is kept; run it again to go on"
@@ -36,6 +36,13 @@ class Sweep:
     with the axes and what else was set in its name."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
+    machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009
+    """Who does the work."""
+    part: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None
+    """Run every N-th shard of a campaign, from the K-th on: for job arrays. All parts use the same folder, in
+    any order or at once; whichever finds everything there writes the table."""
+    merge: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="DIR [DIR ...]")] = None
+    """Run nothing, but make one table of parts that were run with an --out of their own."""
     ladder: Flag = False
     """Run the scenario from the paper's own world to physical cars, rung by rung: what each costs."""
     break_: Annotated[
@@ -60,6 +67,7 @@ class Sweep:
         """Run the command; return its exit code."""
         at_least(0, workers=self.workers, seed=self.seed)
         at_least(1, seeds=self.seeds)
+        self.machines.check()
         if self.ladder and self.break_:
             raise MjmergeError("--ladder and --break are two things: choose one")
         if not (self.ladder or self.break_):
@@ -68,6 +76,8 @@ class Sweep:
                     "a campaign has its own keys and seeds: --set, --seed and --seeds are for --break"
                 )
             return self._campaign()
+        if self.part is not None or self.merge is not None:
+            raise MjmergeError("--part and --merge are for campaigns")
         return self._ladder() if self.ladder else self._break()
 
     def _prepare(self, folder: Path, files: Collection[str]) -> None:
@@ -79,36 +89,21 @@ class Sweep:
 
     def _campaign(self) -> int:
         from mjmerge.sweep.campaign import plan
+        from mjmerge.sweep.parts import WHOLE, Part
 
+        if self.merge is not None and self.part is not None:
+            raise MjmergeError("--part and --merge are two things: choose one")
+        part = WHOLE if self.part is None else Part.parse(self.part)
         planned = plan(self.what)
 
-        from rich.console import Console  # what is wrong with a campaign is said before
-
-        from mjmerge.sweep import laws, tally
-        from mjmerge.sweep import report as sweep_report
-        from mjmerge.sweep.folder import TABLE
-        from mjmerge.sweep.sweep import sweep
+        from mjmerge.cli import campaign  # what is wrong with a campaign is said before
 
         folder = self.out or Path("sweeps") / planned.name
-        with runs_bar(len(planned.cases)) as progress:
-            found = sweep(planned, folder, processes=processes(self.workers), progress=progress)
-        sweep_report.write(planned, found, folder)
-        summary = tally.summary(planned, found)
-        if self.json:
-            of_laws = {"laws": laws.summary(found.to_pylist())}
-            print(json.dumps(summary | of_laws | {"out": str(folder)}))
-        else:
-            console = Console(highlight=False)
-            count = f"{len(planned.cases)} runs, {summary['distinct']} distinct"
-            console.print(f"{bold(planned.name)}, {count}")
-            console.print(sweep_report.rich_table(found))
-            for note in tally.notes(planned, found):
-                console.print(note, markup=False, soft_wrap=True)
-            if summary["worst"]:
-                console.print("the worst run:  ", end="")
-                console.print(summary["worst"][0]["command"], markup=False, soft_wrap=True)
-            console.print(f"table and report:  {bold(folder / TABLE)}, {sweep_report.REPORT}", soft_wrap=True)
-        return 3 if summary["stopped"] else 0
+        if self.merge is not None:
+            if not self.merge:
+                raise MjmergeError("--merge takes the folders of the parts: --merge DIR DIR")
+            return campaign.merge(planned, folder, self.merge, as_json=self.json)
+        return campaign.run(planned, folder, part, team(self.workers, self.machines), as_json=self.json)
 
     def _ladder(self) -> int:
         from rich.console import Console
@@ -116,11 +111,10 @@ class Sweep:
         from mjmerge.cli.places import ladder_folder
         from mjmerge.search import ladder
         from mjmerge.sweep.plan import given
-        from mjmerge.sweep.workers import workers
 
-        with workers(processes(self.workers)) as team, runs_bar(len(ladder.RUNGS)) as progress:
+        with team(self.workers, self.machines) as who, runs_bar(len(ladder.RUNGS)) as progress:
             found = ladder.climb(
-                self.what, given(self.set_), team, seed=self.seed, progress=lambda done: progress(done, 0)
+                self.what, given(self.set_), who, seed=self.seed, progress=lambda done: progress(done, 0)
             )
         folder = self.out or ladder_folder(found.scenario.name, self.seed, self.set_)
         self._prepare(folder, ladder.FILES)
@@ -144,7 +138,6 @@ class Sweep:
         from mjmerge.search import breaking
         from mjmerge.search import report as breaking_report
         from mjmerge.sweep.plan import given
-        from mjmerge.sweep.workers import workers
 
         settings = given(self.set_)
         pairs = [text.split(",") for text in self.break_]
@@ -157,13 +150,13 @@ class Sweep:
         seeds = range(self.seed, self.seed + self.seeds)
         folder = self.out or breaking_folder(name, self.plant, self.break_, self.until, seeds, self.set_)
         self._prepare(folder, breaking_report.FILES)
-        with workers(processes(self.workers)) as team:
+        with team(self.workers, self.machines) as who:
             found = breaking.search(
                 self.what,
                 self.plant,
                 axes,
                 settings,
-                team,
+                who,
                 across=across,
                 until=self.until,
                 seeds=seeds,

@@ -15,7 +15,7 @@ from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.search.against import PROOF
 from mjmerge.search.falsify import SCREEN_S
-from mjmerge.search.margin import TOGETHER, Kind, Margin, coarse, margin, margins
+from mjmerge.search.margin import Kind, Margin, called, coarse, margin, margins
 from mjmerge.search.space import Ground, altered, checked
 from mjmerge.simulation.each import simulate_each
 from mjmerge.sweep.plan import written
@@ -197,10 +197,7 @@ def _plain(scenario: Scenario) -> Scenario:
 def _read(cases: Sequence[Case], ground: Ground, team: Workers) -> list[_Reading]:
     """Runs some cases on the plant; the same for any number of workers."""
     made = [(seed, coarse(scenario, ground.plant, SCREEN_S)) for seed, scenario in cases]
-    most = max(1, min(TOGETHER, -(-len(made) // team.count)))
-    parts = [made[first : first + most] for first in range(0, len(made), most)]
-    task = partial(_readings, ground.plant, ground.r_m)
-    return [one for part in team.each(task, parts) for one in part]
+    return team.each(partial(_readings, ground.plant, ground.r_m), made, called)
 
 
 def _readings(plant: str, r_m: float | None, cases: Sequence[Case], threads: int) -> list[_Reading]:

@@ -7,6 +7,7 @@ could have made.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -37,8 +38,6 @@ KINDS: dict[Kind, str] = {
 """How a run fails, from the worst on, in words."""
 OFF = ("it ran away", "it is off its wheels")
 """Why a simulation ends where a car has left the road."""
-TOGETHER = 64
-"""Runs that are simulated at once."""
 
 
 @dataclass(frozen=True)
@@ -181,11 +180,16 @@ def margins(
         team: who runs them.
     """
     made = [(seed, coarse(scenario, plant, step_s)) for seed, scenario in cases]
-    most = max(1, min(TOGETHER, -(-len(made) // team.count)))
-    parts = [made[first : first + most] for first in range(0, len(made), most)]
-    return [
-        one for part in team.each(partial(_margins, plant, judged, continuous, r_m), parts) for one in part
-    ]
+    return team.each(partial(_margins, plant, judged, continuous, r_m), made, called)
+
+
+def called(case: tuple[int, Scenario]) -> str:
+    """What a run is called where it is not known by a point: its scenario, seed, and what is different."""
+    seed, scenario = case
+    plain = Mismatch().model_dump(mode="json")
+    other = {k: v for k, v in scenario.mismatch.model_dump(mode="json").items() if v != plain[k]}
+    differs = "".join(f", mismatch.{key}={json.dumps(value)}" for key, value in other.items())
+    return f"{scenario.name} with seed {seed}{differs}"
 
 
 def _margins(

@@ -15,7 +15,7 @@ from mjmerge.plant import check as check_plant
 from mjmerge.roster import PLANTS
 from mjmerge.scenario.effect import acting
 from mjmerge.scenario.schema import Scenario
-from mjmerge.search.margin import TOGETHER, margins
+from mjmerge.search.margin import margins
 from mjmerge.search.rare import (
     CONFIDENCE,
     LEAST_EACH,
@@ -30,6 +30,7 @@ from mjmerge.search.rare import (
 from mjmerge.search.screen import LEAST_RUNS, Screened, screened
 from mjmerge.search.space import Ground
 from mjmerge.state import Array
+from mjmerge.sweep.shards import TOGETHER
 from mjmerge.sweep.workers import HERE, Workers
 
 Way = Literal["subset", "montecarlo"]

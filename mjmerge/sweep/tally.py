@@ -12,6 +12,7 @@ import numpy as np
 from mjmerge.scenario.distinct import distinct
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.sweep import losses
 from mjmerge.sweep.plan import Plan
 from mjmerge.sweep.rows import EMPTY, FAILED, METRIC, PASSED, Rows, groups
 from mjmerge.sweep.statistics import CONFIDENCE, Rate, clopper_pearson
@@ -54,6 +55,7 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
             }
             for key, group in groups(rows).items()
         ],
+        "lost": losses.as_json(plan, losses.lost_of(table)),
         "stopped": sum(row["stopped"] is not None for row in rows),
         "touching_with_margin": len(runs_with("touching_in_margin_s", distinct(rows))),
         "clear_without_margin": len(runs_with("clear_without_margin_s", distinct(rows))),
@@ -73,7 +75,7 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
 def notes(plan: Plan, table: pa.Table) -> list[str]:
     """What a reader of the rates has to know, a line each: copies, axes left out, keys without effect."""
     rows: Rows = table.to_pylist()
-    found = []
+    found = losses.lines(plan, losses.lost_of(table))
     copies = len(rows) - len(distinct(rows))
     if copies:
         found.append(

@@ -1,103 +1,115 @@
-"""Shards of a plan: which runs are simulated together, and by which of several processes.
+"""Who does the work: this process, others on this machine, or any executor; what is lost is done again.
 
-What the shards are depends on the plan alone, and a run's bits do not depend on its company.
+A worker that dies loses what it was at, which is tried again. What is lost every time is taken apart, until
+the runs that kill their workers are known by themselves, and everything else is there.
 """
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+import pickle
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.process import BaseProcess
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
 
 from mjmerge.errors import WorkerError
-from mjmerge.simulation.loop import simulate
-from mjmerge.sweep.plan import Case, Plan
-from mjmerge.sweep.rows import rows
-from mjmerge.verdict.judge import judge
-from mjmerge.verdict.own import measured
+from mjmerge.sweep.plan import Case
+from mjmerge.sweep.processes import Processes, tell
+from mjmerge.sweep.shards import TOGETHER, Shard, measure
 
-TOGETHER = 64
-"""Runs of a shard, at most."""
-MOST_TICKS = 300_000
-"""Control ticks of a shard, all runs together, at most: what bounds the memory, at some 1 kB each."""
+AGAIN = 3
+"""How often what was lost is tried again."""
 
 _LOOK_S = 0.1
 Progress = Callable[[float], None]
+Rows = dict[int, dict[str, Any]]
+"""Rows by index of their run."""
+Keep = Callable[[Shard, Rows, Mapping[int, str]], None]
+"""Takes a shard, the rows of its runs, and of those that kill their workers what was seen of it."""
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
 
+class Crew(Protocol):
+    """Who works on several tasks at a time."""
+
+    def submit(self, task: Callable[..., Any], *given: Any) -> Future[Any]:
+        """Has a task done; raises :class:`BrokenExecutor` where somebody died, and with them everything."""
+
+    def part(self, future: Future[Any]) -> float:
+        """What of it is done, 0 to 1, as far as that is known."""
+
+    def renew(self) -> None:
+        """Others, after that; raises :class:`WorkerError` where there are none."""
+
+    def close(self) -> None:
+        """Lets them go, who have nothing left to do."""
+
+    def stop(self) -> None:
+        """Lets them go, wherever they are."""
+
+
+class Given:
+    """An executor that somebody else began, and will end."""
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def submit(self, task: Callable[..., Any], *given: Any) -> Future[Any]:
+        """See :class:`Crew`."""
+        return self._executor.submit(task, *given)
+
+    def part(self, future: Future[Any]) -> float:
+        """Not known before it is done."""
+        return float(future.done())
+
+    def renew(self) -> None:
+        """It is not ours to begin anew."""
+        raise WorkerError(
+            "the executor is broken, as a worker died; what is finished is kept: run again with a new one"
+        )
+
+    def close(self) -> None:
+        """It is not ours to end."""
+
+    def stop(self) -> None:
+        """It is not ours to end."""
+
+
 @dataclass(frozen=True)
-class Shard:
-    """Runs that are simulated together.
+class _Piece:
+    """What one task is given: some items, the index of each, and how often it was lost."""
 
-    Attributes:
-        number: which of the plan's shards.
-        at: index of each run in the plan.
-        cases: the runs; all of one batch.
-    """
-
-    number: int
     at: tuple[int, ...]
-    cases: tuple[Case, ...]
+    items: tuple[Any, ...]
+    lost: int = 0
+
+    def singly(self) -> list[_Piece]:
+        """Each item by itself."""
+        return [_Piece((i,), (item,)) for i, item in zip(self.at, self.items, strict=True)]
 
 
-def shards(plan: Plan, together: int = TOGETHER) -> list[Shard]:
-    """A plan's runs in groups that share everything but seed and mismatch, of much the same size.
+@dataclass(frozen=True)
+class Raised:
+    """An error of a task: of the work, not of who does it."""
 
-    Args:
-        plan: the plan.
-        together: runs of a shard, at most.
-    """
-    batches: dict[int, list[int]] = {}
-    for i, case in enumerate(plan.cases):
-        batches.setdefault(id(case.batch), []).append(i)
-    found: list[Shard] = []
-    for members in batches.values():
-        scenario = plan.cases[members[0]].batch.scenario
-        most = max(1, min(together, MOST_TICKS // scenario.ticks))
-        count = -(-len(members) // most)
-        for k in range(count):
-            at = tuple(members[len(members) * k // count : len(members) * (k + 1) // count])
-            found.append(Shard(len(found), at, tuple(plan.cases[i] for i in at)))
-    return found
-
-
-def measure(shard: Shard, threads: int, progress: Progress | None = None) -> list[dict[str, Any]]:
-    """Simulates a shard and reduces it to one row per run.
-
-    Args:
-        shard: the runs.
-        threads: for the physics, 0 for all cores.
-        progress: called with the part that is done, 0 to 1.
-
-    Raises:
-        DoorError: a metric of the scenario's own fails.
-    """
-    batch = shard.cases[0].batch
-    trace = simulate(
-        batch.scenario,
-        batch.plant,
-        threads=threads,
-        continuous=batch.continuous,
-        cases=[(case.seed, case.mismatch) for case in shard.cases],
-        progress=None if progress is None else lambda t: progress(t / batch.scenario.duration_s),
-    )
-    return [dict(row) for row in rows(trace, judge(trace), measured(trace))]
+    error: Exception
 
 
 @contextmanager
 def workers(count: int) -> Iterator[Workers]:
-    """Processes that measure shards, for as long as the context lasts; with a count of 1, this one does."""
-    team = Workers(count)
+    """Processes that work, for as long as the context lasts; with a count of 1, this one does."""
+    with at_work(Workers(count)) as team:
+        yield team
+
+
+@contextmanager
+def at_work(team: Workers) -> Iterator[Workers]:
+    """Workers for as long as the context lasts."""
     try:
         yield team
     except BaseException:
@@ -107,16 +119,43 @@ def workers(count: int) -> Iterator[Workers]:
 
 
 class Workers:
-    """Measures shards on several processes, or on this one with a thread per core."""
+    """Work on several processes, or on this one with a thread per core.
 
-    def __init__(self, count: int) -> None:
-        self._count = count
-        self._pool: ProcessPoolExecutor | None = None
-        self._parts: Any = None
-        self._others: set[BaseProcess] = set()
+    Attributes:
+        losses: how often work was lost, and tried again.
+    """
+
+    def __init__(self, count: int, crew: Crew | None = None, threads: int = 1) -> None:
+        """A team.
+
+        Args:
+            count: how many work at a time.
+            crew: who works; by default as many processes of this machine, or with a count of 1 this one.
+            threads: that each may use, where a crew is given.
+        """
+        self._count, self._threads = count, threads
+        self._alone = crew is None  # whether this process may do the work
+        self._crew = crew
+        self.losses = 0
+
+    @classmethod
+    def on(cls, executor: Executor, count: int, threads: int = 1) -> Workers:
+        """A team of whoever an executor has: anything with ``submit`` as in :mod:`concurrent.futures`.
+
+        Args:
+            executor: who works; it stays its owner's, who also ends it.
+            count: how many of it work at a time.
+            threads: that each may use.
+        """
+        return cls(count, Given(executor), threads)
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return self._count
 
     def map(
-        self, todo: Sequence[Shard], keep: Callable[[Shard, list[dict[str, Any]]], None], progress: Progress
+        self, todo: Sequence[Shard], keep: Keep, progress: Progress, killers: Sequence[Shard] = ()
     ) -> None:
         """Measures shards in any order.
 
@@ -124,147 +163,182 @@ class Workers:
             todo: the shards.
             keep: called with each and its rows, as soon as they are there.
             progress: called now and then with the number of runs done, shards under way in parts.
+            killers: shards of runs that killed their workers before; this process never does them.
 
         Raises:
-            WorkerError: a process died.
+            WorkerError: there are no workers any more.
         """
-        if self._count == 1 or len(todo) == 1:
-            done = 0
+        done = 0
+        if self._alone and (self._count == 1 or len(todo) == 1):
             for shard in todo:
                 n = len(shard.at)
-                keep(shard, measure(shard, 0, lambda part, done=done, n=n: progress(done + part * n)))  # type: ignore[misc]
+                found = measure(shard.cases, 0, lambda part, done=done, n=n: progress(done + part * n))  # type: ignore[misc]
+                keep(shard, dict(zip(shard.at, found, strict=True)), {})
                 done += n
                 progress(done)
-            return
-        pool, parts = self._started()
-        waiting: dict[Future[list[dict[str, Any]]], Shard] = {}
-        left, finished = list(reversed(todo)), 0
-        slots = list(range(self._count + 1))  # one shard more than processes, so that none is ever idle
-        at: dict[int, int] = {}
-        try:
-            while left or waiting:
-                while left and slots:
-                    shard, slot = left.pop(), slots.pop()
-                    parts[slot] = 0.0
-                    at[shard.number] = slot
-                    with _starting():
-                        waiting[pool.submit(_measure, shard, slot)] = shard
-                for future in wait(waiting, _LOOK_S, "FIRST_COMPLETED").done:
-                    shard = waiting.pop(future)
-                    keep(shard, future.result())
-                    slots.append(at.pop(shard.number))
-                    finished += len(shard.at)
-                progress(finished + sum(parts[at[s.number]] * len(s.at) for s in waiting.values()))
-        except BrokenProcessPool as error:
-            raise WorkerError(
-                "a worker process died: was it killed, or out of memory? "
-                "What is finished is kept; run again, with fewer --workers"
-            ) from error
+            todo = []
+        owner = {i: shard for shard in (*todo, *killers) for i in shard.at}
+        rows: Rows = {}
+        lost: dict[int, str] = {}
 
-    @property
-    def count(self) -> int:
-        """How many there are."""
-        return self._count
+        def settle(piece: _Piece) -> None:
+            shard = owner[piece.at[0]]
+            if all(i in rows or i in lost for i in shard.at):
+                here = {i: rows.pop(i) for i in shard.at if i in rows}
+                keep(shard, here, {i: lost.pop(i) for i in shard.at if i in lost})
 
-    def each(self, task: Callable[[Item, int], Made], items: Sequence[Item]) -> list[Made]:
+        def took(piece: _Piece, made: Sequence[dict[str, Any]]) -> None:
+            rows.update(zip(piece.at, made, strict=True))
+            settle(piece)
+
+        def gone(piece: _Piece, why: str) -> None:
+            lost[piece.at[0]] = why
+            settle(piece)
+
+        pieces = [_Piece(shard.at, shard.cases) for shard in todo]
+        again = [one for shard in killers for one in _Piece(shard.at, shard.cases).singly()]
+        self._work(_measure, [*pieces, *again], took, gone, lambda n: progress(done + n))
+
+    def each(
+        self,
+        task: Callable[[Sequence[Item], int], Sequence[Made]],
+        items: Sequence[Item],
+        named: Callable[[Item], str] = repr,
+    ) -> list[Made]:
         """What a task makes of each item, in their order.
 
         Args:
-            task: what is done, from an item and the threads that it may use, 0 for one per core.
+            task: what is done: from some of the items, and the threads that it may use (0 for one per core),
+                it makes one thing of each.
             items: what it is done with.
+            named: what an item is called.
 
         Raises:
-            WorkerError: a process died.
+            WorkerError: an item kills whoever works on it; or there are no workers any more.
         """
-        if self._count == 1 or len(items) <= 1:
-            return [task(item, 0) for item in items]
-        pool, _ = self._started()
-        try:
-            with _starting():
-                waiting = [pool.submit(task, item, 1) for item in items]
-            return [future.result() for future in waiting]
-        except BrokenProcessPool as error:
-            raise WorkerError(
-                "a worker process died: was it killed, or out of memory? Run again, with fewer --workers"
-            ) from error
+        most = max(1, min(TOGETHER, -(-len(items) // self._count)))
+        starts = range(0, len(items), most)
+        if self._alone and (self._count == 1 or len(starts) <= 1):
+            return [one for first in starts for one in task(items[first : first + most], 0)]
+        found: dict[int, Made] = {}
 
-    def _started(self) -> tuple[ProcessPoolExecutor, Any]:
-        if self._pool is None:
-            self._others = set(active_children())
-            context = get_context("spawn")
-            with _starting():  # Python's own helper, which tidies up after the others
-                self._parts = context.Array("d", self._count + 1, lock=False)
-                self._pool = ProcessPoolExecutor(self._count, context, _begin, (self._parts,))
-        return self._pool, self._parts
+        def took(piece: _Piece, made: Sequence[Made]) -> None:
+            found.update(zip(piece.at, made, strict=True))
+
+        def gone(piece: _Piece, why: str) -> None:
+            raise WorkerError(f"a run kills the worker that is at it, {why}: {named(piece.items[0])}")
+
+        every = range(len(items))
+        pieces = [_Piece(tuple(every[i : i + most]), tuple(items[i : i + most])) for i in starts]
+        self._work(task, pieces, took, gone, lambda _: None)
+        return [found[i] for i in every]
+
+    def _work(
+        self,
+        task: Callable[[Sequence[Any], int], Sequence[Any]],
+        pieces: Sequence[_Piece],
+        took: Callable[[_Piece, Sequence[Any]], None],
+        gone: Callable[[_Piece, str], None],
+        progress: Progress,
+    ) -> None:
+        """Has everything done, what is lost again; what is lost every time, singly; then it is gone."""
+        if not pieces:
+            return
+        crew = self._crew = self._crew or Processes(self._count)
+        left, suspects = deque(pieces), deque[_Piece]()
+        waiting: dict[Future[Any], _Piece] = {}
+        singly, done = False, 0  # one by one, so that it is known who dies of what
+        try:
+            while left or suspects or waiting:
+                broken = False
+                try:
+                    singly = bool(suspects) or (singly and bool(waiting))
+                    queue = suspects if singly else left
+                    while queue and len(waiting) < (1 if singly else self._count + 1):
+                        waiting[crew.submit(_attempt, task, queue[0].items, self._threads)] = queue[0]
+                        queue.popleft()
+                except BrokenExecutor:  # before it took that
+                    broken = True
+                ended = _ended(waiting, broken)
+                while ended:
+                    future = ended.pop()
+                    piece, error = waiting.pop(future), None
+                    try:
+                        made = future.result()
+                    except Exception as died:  # what the task itself raises is no exception here
+                        error = died
+                    if error is not None:
+                        self.losses += 1
+                        queue = suspects if isinstance(error, BrokenExecutor) else left
+                        if isinstance(error, BrokenExecutor) and not broken:
+                            broken, ended = True, _ended(waiting, True)
+                        piece = replace(piece, lost=piece.lost + 1)
+                        if piece.lost <= AGAIN:
+                            queue.append(piece)
+                            continue
+                        if len(piece.items) > 1:
+                            queue.extend(piece.singly())
+                            continue
+                        gone(piece, f"{piece.lost} times of {piece.lost}{_said(error)}")
+                    elif isinstance(made, Raised):
+                        raise made.error
+                    else:
+                        took(piece, made)
+                    done += len(piece.items)
+                if broken:
+                    crew.renew()
+                progress(done + sum(crew.part(f) * len(piece.items) for f, piece in waiting.items()))
+        except BaseException:
+            for future in waiting:
+                future.cancel()
+            raise
 
     def close(self) -> None:
-        """Ends the processes, which have nothing left to do."""
-        if self._pool is not None:
-            self._pool.shutdown()
+        """Lets those go that were begun, and have nothing left to do."""
+        if self._crew is not None:
+            self._crew.close()
 
     def stop(self) -> None:
-        """Ends the processes, wherever they are."""
-        if self._pool is not None:
-            for process in set(active_children()) - self._others:
-                process.terminate()
-            self._pool.shutdown(cancel_futures=True)  # waits for the pool's thread, or it races the exit
+        """Lets those go that were begun, wherever they are."""
+        if self._crew is not None:
+            self._crew.stop()
 
 
 HERE = Workers(1)
 """Nobody else."""
 
 
-@contextmanager
-def _starting() -> Iterator[None]:
-    """Processes start meanwhile; a signal waits until they have: half-started, they fail with a traceback.
-
-    Ctrl-C is held back for ever in the processes that start: it is their parent's to handle.
-    """
-    with _held(signal.SIGTERM), _held(signal.SIGINT):
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+def _ended(waiting: Mapping[Future[Any], object], every: bool = False) -> set[Future[Any]]:
+    """Those that are done, after a moment, or all of them when they are."""
+    if all(isinstance(future, Future) for future in waiting):
+        when = "ALL_COMPLETED" if every else "FIRST_COMPLETED"
+        return set(wait(waiting, None if every else _LOOK_S, when).done)
+    while not (found := {future for future in waiting if future.done()}) or (
+        every and len(found) < len(waiting)
+    ):
+        time.sleep(_LOOK_S)
+    return found
 
 
-@contextmanager
-def _held(number: signal.Signals) -> Iterator[None]:
-    """Handles a signal that comes meanwhile at the end, whichever thread the system gives it to."""
-    before = signal.getsignal(number)
-    if before in (signal.SIG_IGN, None) or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came = threading.Event()
+def _said(error: Exception) -> str:
+    """What an executor says of a loss; of a broken one nothing that helps."""
+    return "" if isinstance(error, BrokenExecutor) else f" ({type(error).__name__}: {error})"
+
+
+def _attempt(
+    task: Callable[[Sequence[Any], int], Sequence[Any]], items: Sequence[Any], threads: int
+) -> Sequence[Any] | Raised:
+    """Does a task; what it raises is an answer, too, for what else is raised is no fault of the task."""
     try:
-        signal.signal(number, lambda *_: came.set())
-        yield
-    finally:
-        signal.signal(number, before)
-        if came.is_set():
-            signal.raise_signal(number)
+        return task(items, threads)
+    except Exception as error:
+        error.add_note(traceback.format_exc())  # which a traceback is not: it stays where it was
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:
+            return Raised(RuntimeError(f"{type(error).__name__}: {error}"))
+        return Raised(error)
 
 
-_parts: Any = None  # of a worker process: how far its shards are, shared with its parent
-
-
-def _begin(parts: Any) -> None:
-    """A worker process: it does not outlive its parent."""
-    global _parts
-    _parts = parts
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    parent = parent_process()
-    assert parent is not None, "a worker has a parent"
-
-    def follow() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
-
-
-def _measure(shard: Shard, slot: int) -> list[dict[str, Any]]:
-    def progress(part: float) -> None:
-        _parts[slot] = part
-
-    return measure(shard, 1, progress)
+def _measure(cases: Sequence[Case], threads: int) -> list[dict[str, Any]]:
+    return measure(cases, threads, tell)

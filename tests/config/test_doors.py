@@ -5,10 +5,11 @@ import signal
 import subprocess
 import sys
 from hashlib import sha256
+from pathlib import Path
 
 import pytest
 
-from mjmerge.config.doors import DoorError, code_of, located, resolve, told
+from mjmerge.config.doors import DoorError, carry, code_of, let_in, located, resolve, told
 
 GROUP = "mjmerge.nothing"
 
@@ -53,6 +54,22 @@ def test_what_stands_beside_a_file_can_be_imported_by_it(write, tmp_path):
     (tmp_path / "beside_it.py").write_text("x = 7")
     assert resolve(write("from beside_it import x as Thing")) == 7
     assert str(tmp_path) not in sys.path
+
+
+def test_a_file_can_be_carried_to_where_it_is_not(write, tmp_path, monkeypatch):
+    monkeypatch.setattr("mjmerge.config.doors._carried", {})
+    name = write("Thing = 'ü', __file__\n")
+    thing, path = resolve(name), str(tmp_path / "mine.py")
+    assert thing == ("ü", path)
+    texts = let_in()
+    Path(path).unlink()
+    assert path not in let_in()
+    (module,) = [name for name, one in sys.modules.items() if getattr(one, "__file__", None) == path]
+    del sys.modules[module]  # as in another process
+    with pytest.raises(DoorError, match="cannot read"):
+        resolve(name)
+    carry({path: texts[path]})
+    assert resolve(name) == thing
 
 
 def test_another_process_finds_the_class_of_what_it_is_sent(write, tmp_path):

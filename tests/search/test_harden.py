@@ -47,8 +47,9 @@ class Apart(Workers):
     def __init__(self) -> None:
         super().__init__(2)
 
-    def each(self, task: Callable[[Any, int], Any], items: Sequence[Any]) -> list[Any]:
-        return [pickle.loads(pickle.dumps(task))(item, 1) for item in reversed(items)][::-1]
+    def each(self, task: Callable[[Any, int], Any], items: Sequence[Any], *_: Any) -> list[Any]:
+        other = pickle.loads(pickle.dumps(task))
+        return [one for item in reversed(items) for one in other([item], 1)][::-1]
 
 
 @pytest.fixture(scope="module")

@@ -25,9 +25,10 @@ from mjmerge.sweep import campaign, laws, tally
 from mjmerge.sweep import report as sweep_report
 from mjmerge.sweep.folder import SHARDS, TABLE, code_files, identity
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, rows
+from mjmerge.sweep.shards import shards
 from mjmerge.sweep.sweep import sweep
-from mjmerge.sweep.workers import shards
 from mjmerge.verdict.judge import judge
+from tests.interfaces.test_rooms import ARROWS
 
 CAMPAIGN = """\
 description: Small, and in many shards.
@@ -178,7 +179,8 @@ def test_another_campaign_scenario_or_version_in_the_same_folder_is_refused(file
     with pytest.raises(OutputError, match="another campaign"):
         sweep(campaign.plan(file), tmp_path / "out")
     file.write_text(text)
-    monkeypatch.setattr("mjmerge.sweep.folder.versions", lambda: {"mujoco": "9.9"})
+    other = {"versions": {"mujoco": "9.9"}}
+    monkeypatch.setattr("mjmerge.sweep.folder.computing", lambda: other)
     with pytest.raises(OutputError, match=r"version of mujoco \(3.*now 9\.9\)"):
         sweep(campaign.plan(file), tmp_path / "out")
 
@@ -193,10 +195,25 @@ def test_a_folder_with_other_files_is_left_alone(file, tmp_path, capsys):
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["thesis.tex"]
 
 
-def test_the_command_line_pictures_and_review_may_change_before_an_unfinished_sweep_goes_on():
+def test_an_unfinished_sweep_goes_on_whatever_changed_but_what_computes_its_rows():
     package = Path(mjmerge.__file__).parent
-    left_out = {p.relative_to(package).parts[0] for p in set(package.rglob("*.py")) - set(code_files())}
-    assert left_out == {"cli", "figures", "review", "starts"}
+    names = {"mjmerge." + ".".join(p.relative_to(package).with_suffix("").parts) for p in code_files()}
+    computes, ways = set(), ["mjmerge.sweep.shards", "mjmerge.sweep.table"]
+    while ways:  # what these import, and so on
+        if (module := ways.pop()) not in computes:
+            computes.add(module)
+            ways += ARROWS[module]
+    told = {"mjmerge.errors", "mjmerge.versions", "mjmerge.sweep.losses"}  # of no row
+    assert computes - told <= {name.removesuffix(".__init__") for name in names}
+    rooms = {name.split(".")[1] for name in names}
+    assert rooms == {name.split(".")[1] for name in computes - told}
+    assert {"cli", "figures", "record", "search"}.isdisjoint(rooms)
+
+
+def test_versions_of_what_only_records_do_not_part_rows(file):
+    of = identity(campaign.plan(file))
+    assert {"python", "mujoco", "numpy", "scipy"} <= of["versions"].keys()
+    assert {"rerun-sdk", "mcap", "foxglove-sdk"}.isdisjoint(of["versions"])
 
 
 def test_a_mesh_below_a_car_s_folder_is_part_of_what_a_sweep_depends_on(tmp_path):
@@ -352,16 +369,3 @@ def test_shards_are_of_much_the_same_size_and_bounded_in_ticks(file):
     assert [len(s.at) for s in shards(campaign.plan({"blocks": [block]}))] == [35, 35]
     long = block | {"set": {"duration_s": 1000}}
     assert max(len(s.at) for s in shards(campaign.plan({"blocks": [long]}))) * 100_001 <= 300_000
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="counts the processes of a Linux machine")
-def test_a_worker_that_dies_is_an_error_with_advice(file, tmp_path):
-    process = started(file, tmp_path / "out", "--workers", "2")
-    wait_for_shards(process, tmp_path / "out", 1)
-    for pid in children(process.pid):
-        if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
-            os.kill(pid, signal.SIGKILL)
-            break
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 3
-    assert "fewer --workers" in err

@@ -1,0 +1,87 @@
+"""Shards of a plan: which runs are simulated together, and what is made of them.
+
+What the shards are depends on the plan alone, and a run's bits do not depend on its company.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mjmerge.simulation.loop import simulate
+from mjmerge.sweep.plan import Case, Plan
+from mjmerge.sweep.rows import rows
+from mjmerge.verdict.judge import judge
+from mjmerge.verdict.own import measured
+
+TOGETHER = 64
+"""Runs of a shard, at most."""
+MOST_TICKS = 300_000
+"""Control ticks of a shard, all runs together, at most: what bounds the memory, at some 1 kB each."""
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Runs that are simulated together.
+
+    Attributes:
+        number: which of the plan's shards.
+        at: index of each run in the plan.
+        cases: the runs; all of one batch.
+    """
+
+    number: int
+    at: tuple[int, ...]
+    cases: tuple[Case, ...]
+
+    def only(self, runs: Collection[int]) -> Shard:
+        """It with some of its runs alone."""
+        left = [(i, case) for i, case in zip(self.at, self.cases, strict=True) if i in runs]
+        return Shard(self.number, tuple(i for i, _ in left), tuple(case for _, case in left))
+
+
+def shards(plan: Plan, together: int = TOGETHER) -> list[Shard]:
+    """A plan's runs in groups that share everything but seed and mismatch, of much the same size.
+
+    Args:
+        plan: the plan.
+        together: runs of a shard, at most.
+    """
+    batches: dict[int, list[int]] = {}
+    for i, case in enumerate(plan.cases):
+        batches.setdefault(id(case.batch), []).append(i)
+    found: list[Shard] = []
+    for members in batches.values():
+        scenario = plan.cases[members[0]].batch.scenario
+        most = max(1, min(together, MOST_TICKS // scenario.ticks))
+        count = -(-len(members) // most)
+        for k in range(count):
+            at = tuple(members[len(members) * k // count : len(members) * (k + 1) // count])
+            found.append(Shard(len(found), at, tuple(plan.cases[i] for i in at)))
+    return found
+
+
+def measure(
+    cases: Sequence[Case], threads: int, progress: Callable[[float], None] | None = None
+) -> list[dict[str, Any]]:
+    """Simulates runs of one batch and reduces them to one row each.
+
+    Args:
+        cases: the runs.
+        threads: for the physics, 0 for all cores.
+        progress: called with the part that is done, 0 to 1.
+
+    Raises:
+        DoorError: a metric of the scenario's own fails.
+    """
+    batch = cases[0].batch
+    trace = simulate(
+        batch.scenario,
+        batch.plant,
+        threads=threads,
+        continuous=batch.continuous,
+        cases=[(case.seed, case.mismatch) for case in cases],
+        progress=None if progress is None else lambda t: progress(t / batch.scenario.duration_s),
+    )
+    return [dict(row) for row in rows(trace, judge(trace), measured(trace))]
