@@ -15,9 +15,10 @@ from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 from mjmerge.search.against import PROOF
 from mjmerge.search.falsify import SCREEN_S
-from mjmerge.search.margin import Kind, Margin, called, coarse, margin, margins
+from mjmerge.search.margin import Kind, Margin, called, margin, margins
 from mjmerge.search.space import Ground, altered, checked
 from mjmerge.simulation.each import simulate_each
+from mjmerge.sweep.fidelity import coarse
 from mjmerge.sweep.plan import written
 from mjmerge.sweep.workers import HERE, Workers
 from mjmerge.verdict.metrics import lateral_error_m, merged_at_s, peak_u_mps2

@@ -20,10 +20,11 @@ from mjmerge.scenario.space import Distribution
 from mjmerge.search.candidate import Candidate, Case, counted_m, held_against, spelt
 from mjmerge.search.falsify import SCREEN_S, Look, Search, search
 from mjmerge.search.keys import chosen
-from mjmerge.search.margin import Margin, coarse, pairs
+from mjmerge.search.margin import Margin, pairs
 from mjmerge.search.methods import folded
 from mjmerge.search.space import Ground, altered, checked
 from mjmerge.state import Array
+from mjmerge.sweep.fidelity import coarse
 from mjmerge.sweep.workers import HERE, Workers
 
 CASES = 24

@@ -22,6 +22,7 @@ from mjmerge.search.against import PROOF, Against
 from mjmerge.simulation.each import simulate_each
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
+from mjmerge.sweep.fidelity import coarse
 from mjmerge.sweep.workers import HERE, Workers
 from mjmerge.verdict.counterfactual import IDEAL, guarded, unguarded
 from mjmerge.verdict.hypotheses import broken
@@ -261,15 +262,6 @@ def pairs(
     fair = [(pair.seed, pair.scenario) for pair in half if pair.fair]
     real = iter(margins(fair, plant, step_s=step_s, judged=judged, r_m=r_m, team=team))
     return [replace(pair, real=next(real)) if pair.fair else pair for pair in half]
-
-
-def coarse(scenario: Scenario, plant: str, step_s: float | None) -> Scenario:
-    """The same with larger steps of the physics, where it has any."""
-    if step_s is None or plant != "mujoco" or step_s <= scenario.physics_step_s:
-        return scenario
-    if abs(round(scenario.control_step_s / step_s) * step_s - scenario.control_step_s) > 1e-12:
-        return scenario
-    return scenario.model_copy(update={"physics_step_s": step_s})
 
 
 def known(value: float) -> float | None:

@@ -32,6 +32,7 @@ from mjmerge.scenario.levels import NAMES as LEVEL_NAMES
 from mjmerge.scenario.load import Source, load
 from mjmerge.scenario.space import Distribution, Values
 from mjmerge.sweep.extent import too_much
+from mjmerge.sweep.fidelity import Fidelity
 from mjmerge.sweep.plan import (
     MISMATCH,
     NONE,
@@ -97,6 +98,8 @@ class Campaign(Frozen):
     """One line on what it is for."""
     blocks: Annotated[tuple[Block, ...], Field(strict=False, min_length=1)]
     """Each is a product of its own; their runs follow one another."""
+    fidelity: Fidelity | None = None
+    """Where larger steps of the physics are enough; null: nowhere."""
 
 
 class Setting(NamedTuple):
@@ -147,7 +150,7 @@ def plan(source: Source) -> Plan:
         document.report(message, key)
     raise_problems(where, document)
     cases: list[Case] = []
-    batches = Batches()
+    batches = Batches(campaign.fidelity)
     left_out: dict[str, dict[str, None]] = {}
     for i, block in enumerate(campaign.blocks):
         listing = _Block(block, f"blocks.{i}", near, document, batches)

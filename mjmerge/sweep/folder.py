@@ -37,7 +37,7 @@ _ROOMS = (
     "verdict",
     "world",
 )
-_FILES = ("roster", "state", "sweep/plan", "sweep/rows", "sweep/shards", "sweep/table")
+_FILES = ("roster", "state", "sweep/fidelity", "sweep/plan", "sweep/rows", "sweep/shards", "sweep/table")
 """What computes a row, of this package, with the rooms; and of others:"""
 _PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "daqp")
 PLAN, SHARDS, TABLE = "plan.json", "shards", "table.parquet"
@@ -48,7 +48,14 @@ def identity(plan: Plan) -> dict[str, Any]:
     batches: dict[int, Batch] = {id(case.batch): case.batch for case in plan.cases}
     order = {key: i for i, key in enumerate(batches)}
     scenarios = [
-        [plan.labels[b.source], b.plant, b.continuous, b.scenario.model_dump_json()] for b in batches.values()
+        [
+            plan.labels[b.source],
+            b.plant,
+            b.continuous,
+            b.scenario.model_dump_json(),
+            *([b.fidelity.model_dump_json()] if b.fidelity else ()),
+        ]
+        for b in batches.values()
     ]
     models = {model for b in batches.values() for model in b.scenario.car_models}
     runs = [

@@ -21,6 +21,7 @@ from mjmerge.scenario.effect import covers, defaults, given_in_vain
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
+from mjmerge.sweep.fidelity import Fidelity, first
 from mjmerge.verdict import own
 
 MISMATCH, VARIANT, KIND = "mismatch.", "law.variant", "law.kind"
@@ -40,6 +41,7 @@ class Batch:
         plant: what moves the cars.
         overrides: keys that differ from the file, as ``--set`` takes them; the mismatch is not among them.
         continuous: whether in continuous time.
+        fidelity: whether larger steps of the physics come first; ``None``: all runs are at their own.
     """
 
     scenario: Scenario
@@ -47,6 +49,13 @@ class Batch:
     plant: str
     overrides: tuple[str, ...]
     continuous: bool = False
+    fidelity: Fidelity | None = None
+
+    @property
+    def begun(self) -> Scenario | None:
+        """The scenario as its runs are made first, with larger steps; ``None`` where they are not."""
+        found = first(self.scenario, self.plant, self.fidelity)
+        return None if found is self.scenario else found
 
 
 @dataclass(frozen=True)
@@ -77,8 +86,14 @@ class Case:
     @property
     def command(self) -> tuple[str, ...]:
         """The arguments of ``mjmerge`` that give this run alone."""
+        return self.command_at(None)
+
+    def command_at(self, physics_step_s: float | None) -> tuple[str, ...]:
+        """The same, of a run that was made with that step of the physics, s; ``None``: it has none."""
         b = self.batch
-        keys = [word for text in self.overrides for word in ("--set", text)]
+        other = physics_step_s is not None and physics_step_s != b.scenario.physics_step_s
+        coarse = (f"physics_step_s={physics_step_s:g}",) if other else ()
+        keys = [word for text in (*self.overrides, *coarse) for word in ("--set", text)]
         time = ["--continuous"] if b.continuous else []
         return ("run", b.source, "--plant", b.plant, *time, "--seed", str(self.seed), *keys)
 
@@ -157,8 +172,9 @@ def planned(
 class Batches:
     """Scenarios that are loaded, so that runs that can share one do."""
 
-    def __init__(self) -> None:
+    def __init__(self, fidelity: Fidelity | None = None) -> None:
         self._found: dict[tuple[object, ...], Batch] = {}
+        self._fidelity = fidelity
 
     def of(self, source: str, plant: str, overrides: tuple[str, ...], *, continuous: bool = False) -> Batch:
         """The batch of a scenario with these keys different.
@@ -170,7 +186,7 @@ class Batches:
         if key not in self._found:
             scenario = load(source, overrides).settled()  # what is without effect is told case by case
             check_plant(plant, scenario)
-            self._found[key] = Batch(scenario, source, plant, overrides, continuous)
+            self._found[key] = Batch(scenario, source, plant, overrides, continuous, self._fidelity)
         return self._found[key]
 
     def case(

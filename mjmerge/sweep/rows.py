@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mjmerge.config.acts import BODIES
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict import own
@@ -51,6 +52,7 @@ NUMBERS = (
     "peak_u_mps2",
     "rms_jerk_mps3",
     "own_broken_s",
+    "physics_step_s",
 )
 """Columns that are numbers, or null where there is none; contacts are those of the ego.
 
@@ -135,6 +137,7 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
             "peak_u_mps2": _known(peak[i]),
             "rms_jerk_mps3": _known(jerk[i]),
             "own_broken_s": _known(own_s[i]),
+            "physics_step_s": trace.scenario.physics_step_s if trace.plant in BODIES else None,
         }
         if decided.least_z is None or not np.isfinite(decided.least_z):
             row["least_z"] = None

@@ -9,7 +9,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.loop import simulate
+from mjmerge.sweep.fidelity import near
 from mjmerge.sweep.plan import Case, Plan
 from mjmerge.sweep.rows import rows
 from mjmerge.verdict.judge import judge
@@ -65,7 +67,7 @@ def shards(plan: Plan, together: int = TOGETHER) -> list[Shard]:
 def measure(
     cases: Sequence[Case], threads: int, progress: Callable[[float], None] | None = None
 ) -> list[dict[str, Any]]:
-    """Simulates runs of one batch and reduces them to one row each.
+    """Simulates runs of one batch and reduces them to one row each; near decisions at their own step.
 
     Args:
         cases: the runs.
@@ -76,12 +78,27 @@ def measure(
         DoorError: a metric of the scenario's own fails.
     """
     batch = cases[0].batch
+    if batch.begun is None or batch.fidelity is None:
+        return _rows(batch.scenario, cases, threads, progress)
+    found = _rows(batch.begun, cases, threads, progress)
+    again = [i for i, row in enumerate(found) if near(row, batch.scenario, batch.fidelity.within_r)]
+    if again:
+        own = _rows(batch.scenario, [cases[i] for i in again], threads, None)
+        for i, row in zip(again, own, strict=True):
+            found[i] = row
+    return found
+
+
+def _rows(
+    scenario: Scenario, cases: Sequence[Case], threads: int, progress: Callable[[float], None] | None
+) -> list[dict[str, Any]]:
+    batch = cases[0].batch
     trace = simulate(
-        batch.scenario,
+        scenario,
         batch.plant,
         threads=threads,
         continuous=batch.continuous,
         cases=[(case.seed, case.mismatch) for case in cases],
-        progress=None if progress is None else lambda t: progress(t / batch.scenario.duration_s),
+        progress=None if progress is None else lambda t: progress(t / scenario.duration_s),
     )
     return [dict(row) for row in rows(trace, judge(trace), measured(trace))]

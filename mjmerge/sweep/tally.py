@@ -55,6 +55,7 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
             }
             for key, group in groups(rows).items()
         ],
+        "physics_step_s": dict(sorted(Counter(f"{row['physics_step_s']}" for row in rows).items())),
         "lost": losses.as_json(plan, losses.lost_of(table)),
         "stopped": sum(row["stopped"] is not None for row in rows),
         "touching_with_margin": len(runs_with("touching_in_margin_s", distinct(rows))),
@@ -82,11 +83,26 @@ def notes(plan: Plan, table: pa.Table) -> list[str]:
             f"{copies} of {len(rows)} runs are copies of others (the same scenario, plant and mismatch, with "
             "the same seed, or where nothing is random): each run counts once"
         )
+    found += _steps(plan, rows)
     found += [f"left out of the levels: {', '.join(axes)} ({why})" for why, axes in plan.left_out.items()]
     for (scenario, _), group in groups(rows, ("scenario", "plant")).items():
         idle = _idle(plan, group)
         found += [f"the {key} of {scenario} is without effect: it {why}" for key, why in idle.items()]
     return found
+
+
+def _steps(plan: Plan, rows: Rows) -> list[str]:
+    """How many runs were near a decision, and so run again, if larger steps of the physics came first."""
+    asked = [row for row in rows if plan.cases[row["run"]].batch.begun is not None]
+    if not asked:
+        return []
+    fidelity = plan.cases[asked[0]["run"]].batch.fidelity
+    assert fidelity is not None, "what begins with larger steps was asked to"
+    again = sum(row["physics_step_s"] != fidelity.step_s for row in asked)
+    return [
+        f"{len(asked)} runs were made in steps of {1e3 * fidelity.step_s:g} ms; {again} of them came within "
+        f"{fidelity.within_r:g} r of a decision and were made again at their scenario's own (physics_step_s)"
+    ]
 
 
 def _idle(plan: Plan, rows: Rows) -> dict[str, str]:
@@ -118,7 +134,7 @@ def worst(rows: Rows) -> Rows:
 
 def command(plan: Plan, row: Mapping[str, Any]) -> str:
     """The command that gives this run alone, bit for bit, and records it."""
-    return shlex.join(("mjmerge", *plan.cases[row["run"]].command))
+    return shlex.join(("mjmerge", *plan.cases[row["run"]].command_at(row["physics_step_s"])))
 
 
 def as_json(rate: Rate) -> dict[str, Any]:
