@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,16 +34,30 @@ def _rebuilt(kind: type[MjmergeError], arguments: tuple[Any, ...], state: dict[s
 
 
 _ALIKE = 0.6  # difflib's own threshold
+_MISSPELT = 0.85  # a letter or two of a name are wrong
+_MOST_MEANT = 6  # names with a word are told of, at most
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """``did you mean 'k_o' or 'k_p'?`` or the list of valid names, as the end of a message."""
+    """``did you mean 'k_o' or 'k_p'?`` or the list of valid names, as the end of a message.
+
+    A name that is misspelt comes first, then those that have all of its words: ``delay`` is in
+    ``command_delay_s``.
+    """
     names = sorted(valid)
     likeness = {other: difflib.SequenceMatcher(None, name, other).ratio() for other in names}
     best = max(likeness.values(), default=0.0)
-    if best >= _ALIKE:
-        return "did you mean " + " or ".join(repr(n) for n in names if likeness[n] == best) + "?"
+    alike = [n for n in names if likeness[n] == best >= _ALIKE]
+    with_words = [n for n in names if _words(name) <= _words(n)]
+    if with_words and best < _MISSPELT and len(with_words) <= _MOST_MEANT:
+        alike = with_words
+    if alike:
+        return "did you mean " + " or ".join(map(repr, alike)) + "?"
     return "valid names: " + ", ".join(names) if names else "there are none"
+
+
+def _words(name: str) -> set[str]:
+    return set(re.split(r"[^a-z0-9]+", name.lower())) - {""}
 
 
 @dataclass(frozen=True)

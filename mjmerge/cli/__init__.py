@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import logging
 import os
 import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager
 from errno import ENAMETOOLONG
 from importlib import import_module
 from threading import Event, current_thread, main_thread
@@ -20,9 +19,10 @@ import tyro
 
 from mjmerge.cli.crash import report
 from mjmerge.cli.streams import standard
-from mjmerge.errors import MjmergeError
+from mjmerge.errors import MjmergeError, nearest
 from mjmerge.interrupts import INTERRUPTED, is_command, leave, leave_quietly
 from mjmerge.outputs import no_room
+from mjmerge.versions import versions
 
 COMMANDS = (
     "run",
@@ -112,23 +112,31 @@ def _answer(arguments: Sequence[str], interrupted: Event, terminated: Event) -> 
 
 
 def _parsed(arguments: Sequence[str]) -> Any:
-    """The command with its options; the others are read for help and for mistakes alone."""
-    if arguments and arguments[0] in COMMANDS and not {"-h", "--help"} & {*arguments}:
-        unsaid = io.StringIO()
-        try:
-            with redirect_stdout(unsaid), redirect_stderr(unsaid):
-                return tyro.cli(_command(arguments[0]), args=arguments[1:])
-        except SystemExit as ended:
-            if ended.code == _TERMINATED:
-                raise
+    """The command with its options; of the others, only the help of them all reads the files.
+
+    Raises:
+        MjmergeError: there is no such command.
+    """
+    first = arguments[0] if arguments else ""
+    if first in COMMANDS:
+        return tyro.cli(_command(first), prog=f"mjmerge {first}", args=arguments[1:])
+    if first and not first.startswith("-"):
+        raise MjmergeError(f"no command called {first!r}: {nearest(first, COMMANDS)}")
+    if first == "--version":
+        return _version
     named = (Annotated[_command(name), tyro.conf.subcommand(name)] for name in COMMANDS)
     one_of: Any = Union[tuple(named)]  # noqa: UP007
     return tyro.cli(
         one_of,
         prog="mjmerge",
-        description="Does the merge that a paper proves safe survive real cars?",
+        description="Does the merge that a paper proves safe survive real cars? (--version: which is this)",
         args=arguments,
     )
+
+
+def _version() -> int:
+    print(f"mjmerge {versions()['mjmerge']}")
+    return 0
 
 
 def _command(name: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, at_least
+from mjmerge.cli.options import Count, Flag, at_least, unsaid
 from mjmerge.cli.progress import progress_bar
 from mjmerge.config import shipped
 from mjmerge.errors import MjmergeError
@@ -20,17 +20,17 @@ from mjmerge.outputs import put
 class Check:
     """Run the regression gate. Exit code 0: floors and baselines hold; 1: not all; 3: a run stopped."""
 
-    scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional, unsaid("SCENARIO|DIR")] = ()
     """Scenarios with a gate, by name or file, or folders of them; by default the shipped ones."""
-    baselines: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    baselines: Annotated[Path | None, unsaid("DIR")] = None
     """Folder of the baselines; by default baselines/ beside each scenario."""
-    only: Annotated[str, tyro.conf.arg(metavar="TEXT")] = ""
+    only: Annotated[str, unsaid("TEXT")] = ""
     """Only rows with this in `scenario, row`."""
     update: Flag = False
     """Rewrite the baselines with what is measured now, and print what changed. Floors stay as they are."""
     threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
-    junit: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    junit: Annotated[Path | None, unsaid("FILE")] = None
     """Also write JUnit XML."""
     json: Flag = False
     """Print one JSON object and nothing else on standard output."""

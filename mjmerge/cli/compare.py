@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.cli.options import Flag
+from mjmerge.cli.options import Flag, unsaid
 from mjmerge.cli.style import bold, plain
 
 
@@ -22,7 +22,7 @@ class Compare:
     """A .mcap or .rrd file, or a run folder."""
     b: Annotated[Path, tyro.conf.Positional]
     """Another."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for figure and recording; by default compared, where an earlier one makes way."""
     json: Flag = False
     """Print one JSON object and nothing else on standard output."""

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.cli.options import Flag
+from mjmerge.cli.options import Flag, unsaid
 from mjmerge.errors import MjmergeError
 
 
@@ -22,7 +22,7 @@ class Convert:
     """Write CSV."""
     parquet: Flag = False
     """Write Parquet."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    out: Annotated[Path | None, unsaid("FILE")] = None
     """File to write; by default beside the recording, with the ending .csv or .parquet."""
 
     def __call__(self) -> int:

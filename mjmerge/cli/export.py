@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
-from mjmerge.cli.options import Overrides
+from mjmerge.cli.options import Overrides, ScenarioName, unsaid
 from mjmerge.outputs import put_new
 
 
@@ -16,11 +14,11 @@ from mjmerge.outputs import put_new
 class Export:
     """Print the composed MJCF world of a scenario, or write it to a file."""
 
-    scenario: Annotated[str, tyro.conf.Positional]
+    scenario: ScenarioName
     """Name of a shipped scenario, or the path of a YAML file."""
     set_: Overrides = ()
     """Any scenario key; repeatable."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    out: Annotated[Path | None, unsaid("FILE")] = None
     """File to write; standard output by default."""
 
     def __call__(self) -> int:

@@ -10,11 +10,20 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
+from mjmerge.cli.options import (
+    Count,
+    Flag,
+    Machines,
+    Overrides,
+    PlantName,
+    ScenarioName,
+    at_least,
+    team,
+    unsaid,
+)
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold, plain
 from mjmerge.errors import MjmergeError
-from mjmerge.roster import PLANTS
 
 if TYPE_CHECKING:
     from mjmerge.search.against import Against
@@ -23,10 +32,6 @@ if TYPE_CHECKING:
     from mjmerge.search.methods import Method
     from mjmerge.search.space import Ground
     from mjmerge.sweep.workers import Workers
-
-    PlantName = str
-else:
-    PlantName = Literal[tuple(PLANTS)]
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class Falsify:
 
     kept: ClassVar[str] = "what was looked at is kept; run it again to go on"
 
-    scenario: Annotated[str, tyro.conf.Positional]
+    scenario: ScenarioName
     """Name of a shipped scenario or the path of a YAML file; its section `search` says where to look."""
     budget: Count = 512
     """Runs that are looked at, at most."""
@@ -56,13 +61,13 @@ class Falsify:
     against: Annotated[str, tyro.conf.arg(metavar="PLANT|LAW")] = "double_integrator"
     """Where the same behaviour must be safe: a plant, with nothing different in truth, or another law, on the
     same plant with the same mismatch."""
-    from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR")] = None
+    from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR", help_behavior_hint="")] = None
     """Look at the samples that failed in an estimate of `mjmerge probability`, in place of a search."""
     findings: Count = 3
     """Different failures that are shrunk, at most."""
     record: bool = True
     """Record each of them, beside the run that is safe."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for everything; by default falsified/<scenario>-<plant> with what else was set in its name."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""

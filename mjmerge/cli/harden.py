@@ -10,7 +10,17 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
+from mjmerge.cli.options import (
+    Count,
+    Flag,
+    Machines,
+    Overrides,
+    PlantName,
+    ScenarioName,
+    at_least,
+    team,
+    unsaid,
+)
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold, plain
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, whole
@@ -29,7 +39,7 @@ class Harden:
     against; 1: it does not; 2: bad input.
     """
 
-    scenario: Annotated[str, tyro.conf.Positional]
+    scenario: ScenarioName
     """Name of a shipped scenario or the path of a YAML file; its section `search` says where to look."""
     key: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=VALUES"), tyro.conf.UseAppendAction] = ()
     """A key that is chosen, from LOW:HIGH or out of ONE,OTHER,.. (law.k_o=0.5:2); repeatable. By default
@@ -44,9 +54,9 @@ class Harden:
     """Searches that judge the chosen law, and as many the law as it was."""
     seed: Count = 0
     """Of searches and choices; the same seed chooses the same."""
-    plant: str = "mujoco"
+    plant: PlantName = "mujoco"
     """What moves the cars."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for everything; by default hardened/<scenario>-<plant> with what else was set in its name, where
     an earlier one makes way."""
     workers: Count = 0

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.cli.options import Flag
+from mjmerge.cli.options import Flag, unsaid
 from mjmerge.cli.progress import progress_bar
 from mjmerge.cli.style import bold, plain
 from mjmerge.config import shipped
@@ -19,9 +19,9 @@ from mjmerge.config import shipped
 class Identify:
     """Measure a car model by driving it, against its data sheet. Exit code 0: all holds; 1: not all."""
 
-    model: Annotated[str, tyro.conf.Positional]
+    model: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL")]
     """Name of a shipped model (see `mjmerge list models`), or the path of its folder."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for table and plots; by default identified/<model>, where an earlier one makes way."""
     accept: Flag = False
     """Also store the table beside the model, where every run finds whether its cars were accepted."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from mjmerge.cli.options import Flag
 from mjmerge.config import shipped
 from mjmerge.roster import PLANTS
 
@@ -30,7 +31,7 @@ class List:
         tyro.conf.Positional,
     ] = "all"
     """Which kind to list: a line on each, and of axes their unit, range, default, levels and plants."""
-    json: bool = False
+    json: Flag = False
     """Print one JSON object, by kind and name, and nothing else."""
 
     def __call__(self) -> int:

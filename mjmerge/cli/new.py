@@ -18,7 +18,7 @@ class New:
 
     what: Annotated[Literal["car", "law", "driver", "metric", "scenario", "campaign"], tyro.conf.Positional]
     """What to begin."""
-    name: Annotated[str, tyro.conf.Positional]
+    name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")]
     """What to call it: a letter, then letters, digits, _ and -."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path()
     """Folder to write it into; by default the current one. Nothing is ever overwritten."""

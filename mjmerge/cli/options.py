@@ -7,21 +7,37 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from mjmerge.config.bounds import MOST_RUNS, MOST_SEED, most_threads, most_workers
 from mjmerge.errors import MjmergeError
+from mjmerge.roster import PLANTS
 
 if TYPE_CHECKING:
     from mjmerge.sweep.workers import Workers
 
+
+def unsaid(metavar: str) -> Any:
+    """An option that is nothing unless it is given: what it is by default stands in its own words."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+
+
+if TYPE_CHECKING:
+    PlantName = str
+else:
+    PlantName = Literal[tuple(PLANTS)]
+ANY_PLANT = "|".join(PLANTS)
+ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+"""Name of a shipped scenario, or the path of a YAML file."""
 Overrides = Annotated[
-    tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction
+    tuple[str, ...],
+    tyro.conf.arg(name="set", metavar="KEY=VALUE", help_behavior_hint=""),
+    tyro.conf.UseAppendAction,
 ]
 """Scenario keys with other values, ``--set KEY=VALUE``, repeatable."""
-Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")]
 """Off unless it is given."""
 Count = Annotated[int, tyro.conf.arg(metavar="N")]
 """A whole number."""
@@ -54,7 +70,7 @@ class Machines:
 
     engine: Literal["processes", "ray"] = "processes"
     """Processes of this machine, or the nodes of a Ray cluster (extra `ray`)."""
-    address: str | None = None
+    address: Annotated[str | None, unsaid("ADDRESS")] = None
     """With --engine ray, of the cluster, such as auto or HOST:6379; by default one begins on this machine."""
     cpus: Annotated[int, tyro.conf.arg(metavar="N")] = 1
     """With --engine ray, processors that each task takes, and as many threads."""

@@ -10,7 +10,18 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
+from mjmerge.cli.options import (
+    ANY_PLANT,
+    Count,
+    Flag,
+    Machines,
+    Overrides,
+    PlantName,
+    ScenarioName,
+    at_least,
+    team,
+    unsaid,
+)
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold, plain
 
@@ -28,7 +39,7 @@ class Probability:
 
     kept: ClassVar[str] = "what was run is kept; run it again to go on"
 
-    scenario: Annotated[str, tyro.conf.Positional]
+    scenario: ScenarioName
     """Name of a shipped scenario or the path of a YAML file; its section `search` has the distributions."""
     below: Annotated[float, tyro.conf.arg(metavar="M")] = 0.0
     """The bound on the least of every d_j and clearance, m."""
@@ -38,11 +49,11 @@ class Probability:
     """Of the samples; the same seed gives the same estimate."""
     method: Literal["subset", "montecarlo"] = "subset"
     """Subset simulation, for what is rare, or independent samples."""
-    plant: str = "mujoco"
+    plant: PlantName = "mujoco"
     """What moves the cars."""
-    screen: Annotated[str | None, tyro.conf.arg(metavar="PLANT")] = None
+    screen: Annotated[PlantName | None, unsaid(ANY_PLANT)] = None
     """A cheap plant that looks first; the budget is then of runs that correct what it says."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for everything; by default probabilities/<scenario>-<plant> with what else was set in its
     name."""
     workers: Count = 0

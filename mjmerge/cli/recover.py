@@ -8,6 +8,8 @@ from typing import Annotated
 
 import tyro
 
+from mjmerge.cli.options import unsaid
+
 
 @dataclass(frozen=True)
 class Recover:
@@ -15,7 +17,7 @@ class Recover:
 
     file: Annotated[Path, tyro.conf.Positional]
     """An unfinished .mcap or .rrd file (*.partial), or a run folder."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    out: Annotated[Path | None, unsaid("FILE")] = None
     """File to write; by default run.recovered.mcap or run.recovered.rrd beside the old one."""
 
     def __call__(self) -> int:

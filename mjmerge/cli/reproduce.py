@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
+from mjmerge.cli.options import unsaid
 from mjmerge.cli.progress import progress_bar
 from mjmerge.cli.style import bold, plain
 
@@ -16,7 +15,7 @@ from mjmerge.cli.style import bold, plain
 class Reproduce:
     """Redraw the paper's figures and check its published facts. Exit code 0: all reproduced; 1: not all."""
 
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for figures, tables and animation; by default reproduced, where an earlier one makes way."""
 
     def __call__(self) -> int:

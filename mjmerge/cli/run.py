@@ -9,30 +9,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
-from mjmerge.cli.options import Count, Flag, Overrides, at_least
+from mjmerge.cli.options import Count, Flag, Overrides, PlantName, ScenarioName, at_least, unsaid
 from mjmerge.cli.progress import progress_bar
 from mjmerge.cli.style import bold, plain
-from mjmerge.roster import PLANTS
 
 if TYPE_CHECKING:
     from mjmerge.record import Header
     from mjmerge.record.rerun.live import Live
     from mjmerge.search.explain import Explanation
 
-    PlantName = str
-else:
-    PlantName = Literal[tuple(PLANTS)]
-
 
 @dataclass(frozen=True)
 class Run:
     """Run a scenario, judge it, and record it. Exit code 0: safety floor and bounds held; 1: they did not."""
 
-    scenario: Annotated[str, tyro.conf.Positional]
+    scenario: ScenarioName
     """Name of a shipped scenario (see `mjmerge list`), or the path of a YAML file."""
     plant: PlantName = "mujoco"
     """What moves the cars."""
@@ -40,11 +33,11 @@ class Run:
     """Seed of the first run; run i has seed + i."""
     runs: Count = 1
     """Number of simulations, each with its own seed; those worth a look are recorded."""
-    duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    duration: Annotated[float | None, unsaid("SECONDS")] = None
     """Simulated time, in place of the scenario's."""
     set_: Overrides = ()
     """Any scenario key, as in `--set law.k_o=0`; repeatable."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Run folder; by default runs/<scenario>-<plant>-<seed> and what was set; the same run makes way."""
     threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
@@ -55,7 +48,7 @@ class Run:
     It takes some tens of further runs."""
     live: Flag = False
     """Show the run in a Rerun viewer while it goes on, in real time."""
-    live_at: Annotated[str | None, tyro.conf.arg(metavar="127.0.0.1:PORT")] = None
+    live_at: Annotated[str | None, unsaid("127.0.0.1:PORT")] = None
     """Like --live, in a viewer that is open already."""
     live_fast: Flag = False
     """Like --live, as fast as possible."""

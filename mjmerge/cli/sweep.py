@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag, Machines, Overrides, at_least, team
+from mjmerge.cli.options import Count, Flag, Machines, Overrides, PlantName, at_least, team, unsaid
 from mjmerge.cli.progress import runs_bar
 from mjmerge.cli.style import bold
 from mjmerge.errors import MjmergeError
@@ -31,17 +31,17 @@ class Sweep:
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="CAMPAIGN|SCENARIO")]
     """Name of a shipped campaign (see `mjmerge list campaigns`) or the path of a YAML file; with --ladder and
     --break, a scenario."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for everything; by default sweeps/<campaign>, ladders/<scenario> or breaking/<scenario>-<plant>,
     with the axes and what else was set in its name."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
     machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009
     """Who does the work."""
-    part: Annotated[str | None, tyro.conf.arg(metavar="K/N")] = None
+    part: Annotated[str | None, unsaid("K/N")] = None
     """Run every N-th shard of a campaign, from the K-th on: for job arrays. All parts use the same folder, in
     any order or at once; whichever finds everything there writes the table."""
-    merge: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="DIR [DIR ...]")] = None
+    merge: Annotated[tuple[Path, ...] | None, unsaid("DIR [DIR ...]")] = None
     """Run nothing, but make one table of parts that were run with an --out of their own."""
     ladder: Flag = False
     """Run the scenario from the paper's own world to physical cars, rung by rung: what each costs."""
@@ -52,7 +52,7 @@ class Sweep:
     range, `--break mismatch.friction=1:0.1`; repeatable. `--break AXIS,OTHER` finds the frontier of two."""
     until: Literal["unsafe", "floor"] = "unsafe"
     """With --break, what counts as broken: d_j <= 0 or touching bodies, or the scenario's safety floor."""
-    plant: str = "mujoco"
+    plant: PlantName = "mujoco"
     """With --break, what moves the cars."""
     seed: Count = 0
     """With --ladder and --break, seed of the runs (a campaign has its own)."""

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from mjmerge.cli.options import Count, Flag
+from mjmerge.cli.options import Count, Flag, PlantName, unsaid
 from mjmerge.cli.progress import progress_bar
 from mjmerge.cli.style import bold, plain
 from mjmerge.config.bounds import whole
@@ -33,17 +33,17 @@ class Traffic:
 
     file: Annotated[Path, tyro.conf.Positional]
     """CommonRoad 2020a (.xml), or a table (.csv) with --map; with --export, the .xml file to write."""
-    map: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = ""
+    map: Annotated[str, unsaid("NAME|FILE")] = ""
     """Columns of a table: ngsim, highd, or a YAML file like theirs; by default what its header fits."""
     tighten: Annotated[Count, tyro.conf.arg(metavar="STEPS")] = 0
     """Also move each follower towards the least gap that Assumption 1 allows, in so many steps."""
-    plant: str = IDEAL
+    plant: PlantName = IDEAL
     """What moves the cars."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for everything; by default traffic/<file>, where an earlier one makes way."""
-    export: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
+    export: Annotated[Path | None, unsaid("RUN")] = None
     """Write this recording, a run folder or a .mcap or .rrd file, finished or not, and read no traffic."""
-    step_s: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    step_s: Annotated[float | None, unsaid("S")] = None
     """With --export: time between two states, s, a whole multiple of the control step; by default that."""
     json: Flag = False
     """Print one JSON object and nothing else on standard output."""

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count
+from mjmerge.cli.options import Count, unsaid
 from mjmerge.cli.progress import progress_bar
 from mjmerge.errors import MjmergeError
 
@@ -25,7 +25,7 @@ class Video:
     """Simulated seconds per second of the video."""
     fps: Count = 30
     """Pictures per second."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    out: Annotated[Path | None, unsaid("FILE")] = None
     """File to write; by default beside the recording, with the ending .mp4."""
 
     def __call__(self) -> int:

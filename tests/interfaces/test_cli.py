@@ -8,12 +8,13 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import mujoco
 import pytest
 
-from mjmerge.cli import main
+from mjmerge.cli import COMMANDS, main
 from mjmerge.config import shipped
 from mjmerge.record import FORMATS
 
@@ -174,6 +175,41 @@ def test_bad_input_ends_with_2_and_says_what_to_do(capsys, args, says):
 )
 def test_a_misspelt_command_or_option_ends_with_2(capsys, args):
     assert run(capsys, *args)[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["rnu", "charge"], "no command called 'rnu': did you mean 'run'?"),
+        (["chekc"], "no command called 'chekc': did you mean 'check'?"),
+        (["figures"], "no command called 'figures': valid names: check, compare"),
+    ],
+)
+def test_a_command_that_is_none_is_told_with_the_nearest(capsys, args, words):
+    code, out, err = run(capsys, *args)
+    assert (code, out) == (2, "")
+    assert words in err
+
+
+def test_a_misspelt_option_is_told_by_the_options_of_its_own_command_alone(capsys):
+    code, _, said = run(capsys, "run", "charge", "--sed", "3")
+    assert code == 2
+    assert "--seed N" in said
+    assert "mjmerge run --help" in said
+    assert "harden" not in said
+
+
+def test_it_says_which_version_it_is(capsys):
+    assert run(capsys, "--version") == (0, f"mjmerge {version('mjmerge')}\n", "")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_a_command_names_what_it_takes_and_shows_no_default_that_is_none(capsys, name):
+    code, said, _ = run(capsys, name, "--help")
+    assert code == 0
+    assert said.startswith(f"usage: mjmerge {name} ")
+    for odd in ("None", "STR", "(default: )", "(default: False)", "INT"):
+        assert odd not in said
 
 
 def test_a_recorder_that_breaks_leaves_the_run_whole_and_ends_with_3(capsys, tmp_path, monkeypatch):
