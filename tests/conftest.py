@@ -16,6 +16,7 @@ from hypothesis import settings
 if "PYTEST_XDIST_WORKER" in os.environ:  # which is measured by now; what it starts is not
     os.environ.pop("COVERAGE_PROCESS_START", None)
 os.environ.setdefault("MUJOCO_GL", "disable")  # before anything imports mujoco
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or every command that a test starts compiles it all again
 in_main = threading.current_thread() is threading.main_thread()
 if in_main and signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # started in the background:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # commands would inherit that

@@ -33,6 +33,7 @@ from mjmerge.record import (
     plots,
 )
 from mjmerge.record.read import read, read_mcap, read_rrd
+from mjmerge.record.rerun import reader
 from mjmerge.record.scene import Scene
 from mjmerge.record.schema import proto_text
 from mjmerge.review.view import write_view
@@ -104,6 +105,18 @@ def run(tmp_path_factory: pytest.TempPathFactory, header: Header, make_blocks: M
 def test_rerun_accepts_the_files(run: Path, arguments, name) -> None:
     done = subprocess.run([rerun_cli(), *arguments, run / name], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
+
+
+def test_what_tries_whether_rerun_survives_a_file_reads_all_of_it(run: Path, monkeypatch) -> None:
+    really = subprocess.run
+
+    def strictly(command: list[str], **more) -> subprocess.CompletedProcess[bytes]:  # errors are not let pass
+        code = command[2].replace("contextlib.suppress(Exception)", "contextlib.nullcontext()")
+        assert code != command[2]
+        return really([*command[:2], f"{code}\nassert table(chunk).num_rows", *command[3:]], **more)
+
+    monkeypatch.setattr(reader.subprocess, "run", strictly)
+    assert reader.survives(run / "run.rrd")
 
 
 def test_mcap_bytes_follow_from_the_run(tmp_path: Path, header: Header, make_blocks: MakeBlocks) -> None:
