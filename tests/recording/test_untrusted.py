@@ -90,7 +90,7 @@ def test_what_does_not_compile_or_asks_too_much_of_the_compiler_is_one_line(monk
 def strange(tmp_path, monkeypatch) -> Path:
     """A recording whose world would read a file."""
     evil = inside('<asset><mesh name="m" file="/etc/hostname"/></asset>')
-    monkeypatch.setattr(mjmerge.run, "build", lambda *given: replace(build(*given), xml=evil))
+    monkeypatch.setattr("mjmerge.world.compose.build", lambda *given: replace(build(*given), xml=evil))
     scenario = mjmerge.load("paper", ["duration_s=0.2"])
     mjmerge.run.run(scenario, "double_integrator", folder=tmp_path / "strange")
     monkeypatch.chdir(tmp_path)
