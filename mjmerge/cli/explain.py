@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from mjmerge.cli.options import ANY_PLANT, Count, Flag, Overrides, PlantName, at_least, processes, unsaid
+from mjmerge.cli.options import ANY_PLANT, Count, Flag, Overrides, at_least, processes, unsaid
 from mjmerge.cli.style import bold
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class Explain:
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO|RUN")]
     """Name of a shipped scenario, the path of a YAML file, the folder of a run (of several runs it is the
     worst) or of a finding, or a recording."""
-    plant: Annotated[PlantName | None, unsaid(ANY_PLANT)] = None
+    plant: Annotated[str | None, unsaid(ANY_PLANT)] = None
     """What moves the cars; by default that of the run, or mujoco."""
     seed: Annotated[int | None, unsaid("N")] = None
     """Of the run; by default that of the folder or recording, or 0."""

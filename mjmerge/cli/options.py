@@ -24,11 +24,9 @@ def unsaid(metavar: str) -> Any:
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
-if TYPE_CHECKING:
-    PlantName = str
-else:
-    PlantName = Literal[tuple(PLANTS)]
 ANY_PLANT = "|".join(PLANTS)
+PlantName = Annotated[str, tyro.conf.arg(metavar=ANY_PLANT)]
+"""One of the plants; another is told with the nearest."""
 ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 """Name of a shipped scenario, or the path of a YAML file."""
 Overrides = Annotated[

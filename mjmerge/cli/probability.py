@@ -51,7 +51,7 @@ class Probability:
     """Subset simulation, for what is rare, or independent samples."""
     plant: PlantName = "mujoco"
     """What moves the cars."""
-    screen: Annotated[PlantName | None, unsaid(ANY_PLANT)] = None
+    screen: Annotated[str | None, unsaid(ANY_PLANT)] = None
     """A cheap plant that looks first; the budget is then of runs that correct what it says."""
     out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for everything; by default probabilities/<scenario>-<plant> with what else was set in its

@@ -16,7 +16,7 @@ from mjmerge.errors import ModelError, UnknownNameError
 from mjmerge.plant.base import Fault, Plant, Smooth
 from mjmerge.roster import PLANTS
 from mjmerge.scenario.cars import data_sheet
-from mjmerge.scenario.schema import Models, Scenario
+from mjmerge.scenario.schema import Scenario
 
 if TYPE_CHECKING:
     from mjmerge.world.model import World
@@ -36,19 +36,28 @@ def check(name: str, scenario: Scenario) -> None:
             f"models.size is {scenario.models.size:g}, but mujoco's cars come in their own size: "
             "choose models of that size, and set models.size=1"
         )
-    if name == "mujoco" and (wrong := list(_beyond(scenario.models, scenario.roster.cars))):
+    if name == "mujoco" and (wrong := list(_beyond(scenario))):
         raise ModelError("\n".join(wrong))
 
 
-def _beyond(models: Models, cars: Sequence[str]) -> Iterator[str]:
-    """Cars that their model cannot be stretched to, in words, with the model that is nearest to that."""
-    sides = {"length_m": "long", "width_m": "wide"}
-    sheets = {model: data_sheet(model) for model in shipped.models()}
-    for car in cars:
-        own, by = data_sheet(models.of(car)), {}
-        for key, side in sides.items():
+def _beyond(scenario: Scenario) -> Iterator[str]:
+    """Cars that their model cannot be stretched to, in words, with the model that is nearest to that.
+
+    One whose model is gone, as of a recording that has its sheet, was when it ran.
+    """
+    models, sheets = scenario.models, {model: data_sheet(model) for model in shipped.models()}
+    for car in {**models.length_m.said, **models.width_m.said}:
+        try:
+            own, by = data_sheet(models.of(car)), {"length_m": 1.0, "width_m": 1.0}
+        except UnknownNameError:
+            if scenario.sheets is None:
+                raise
+            continue
+        for key, side in (("length_m", "long"), ("width_m", "wide")):
             own_m, asked_m = getattr(own, key), getattr(models, key).of(car)
-            by[key] = 1.0 if asked_m is None else asked_m / own_m
+            if asked_m is None:
+                continue
+            by[key] = asked_m / own_m
             if not 1 / STRETCH <= by[key] <= STRETCH:
                 nearest = min(sheets, key=lambda model: abs(log(getattr(sheets[model], key) / asked_m)))
                 size = f"; the nearest shipped model is {nearest}, {getattr(sheets[nearest], key):g} m"
