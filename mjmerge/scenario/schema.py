@@ -125,11 +125,6 @@ class Models(PerCar):
     width_m: Lengths = Lengths()
     """How wide each car is, m; likewise."""
 
-    @property
-    def resized(self) -> bool:
-        """Whether some car is of another length or width than its data sheet has."""
-        return bool(self.length_m.said or self.width_m.said)
-
     def of(self, car: str) -> str:
         """The model of a car: ``rc`` where nothing is said."""
         name: str = getattr(self, car, type(self).model_fields[EGO].default)
