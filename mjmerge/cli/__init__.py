@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from errno import ENAMETOOLONG
 from importlib import import_module
-from threading import Event, current_thread, main_thread
+from threading import Event, Timer, current_thread, main_thread
 from types import FrameType
-from typing import Annotated, Any, Union
+from typing import TYPE_CHECKING, Annotated, Any, Union
 
 import tyro
 
@@ -23,6 +23,9 @@ from mjmerge.errors import MjmergeError, nearest
 from mjmerge.interrupts import INTERRUPTED, is_command, leave, leave_quietly
 from mjmerge.outputs import no_room
 from mjmerge.versions import versions
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 COMMANDS = (
     "run",
@@ -51,6 +54,7 @@ COMMANDS = (
 )
 """In the order of the help: each a file, and in it a class of that name."""
 _BAD_INPUT, _FAILED, _TERMINATED = 2, 3, 128 + signal.SIGTERM
+_AGAIN_S = 0.005
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -92,6 +96,8 @@ def _answer(arguments: Sequence[str], interrupted: Event, terminated: Event) -> 
         return ended.code if isinstance(ended.code, int) else _BAD_INPUT if ended.code else 0
     except BaseException as error:  # a panic in what is made of Rust is no Exception
         leave_quietly()
+        if terminated.is_set():
+            return _TERMINATED
         if interrupted.is_set() or isinstance(error, KeyboardInterrupt):
             kept = getattr(command, "kept", "")
             _say(f"interrupted{'; ' if kept else ''}{kept}")
@@ -146,7 +152,11 @@ def _command(name: str) -> Any:
 
 @contextmanager
 def _signals() -> Iterator[tuple[Event, Event]]:
-    """SIGTERM and SIGINT as exceptions, so that recordings are closed; yields whether either came."""
+    """SIGTERM and SIGINT as exceptions, so that recordings are closed; yields whether either came.
+
+    Python drops what is raised while an object is being deleted, or in a library's callback: a signal that
+    comes at such a moment comes again a little later.
+    """
     interrupted, terminated = Event(), Event()
 
     def terminate(signum: int, frame: FrameType | None) -> None:
@@ -159,6 +169,18 @@ def _signals() -> Iterator[tuple[Event, Event]]:
         interrupted.set()  # some libraries turn the exception into one of their own
         raise KeyboardInterrupt
 
+    def dropped(what: UnraisableHookArgs) -> None:
+        if isinstance(what.exc_value, SystemExit) and terminated.is_set():
+            number = signal.SIGTERM
+        elif isinstance(what.exc_value, KeyboardInterrupt):
+            number = signal.SIGINT
+        else:
+            told(what)
+            return
+        again = Timer(_AGAIN_S, signal.pthread_kill, (main_thread().ident, number))
+        again.daemon = True
+        again.start()
+
     if current_thread() is not main_thread():
         yield interrupted, terminated
         return
@@ -166,9 +188,11 @@ def _signals() -> Iterator[tuple[Event, Event]]:
     signal.signal(signal.SIGTERM, terminate)
     if before[signal.SIGINT] in (signal.default_int_handler, leave):
         signal.signal(signal.SIGINT, interrupt)
+    told, sys.unraisablehook = sys.unraisablehook, dropped
     try:
         yield interrupted, terminated
     finally:
+        sys.unraisablehook = told
         for number, handler in before.items():
             signal.signal(number, handler)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import pickle
 import resource
@@ -10,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import pytest
@@ -315,3 +317,77 @@ def test_what_a_library_makes_of_being_told_to_end_is_still_that(monkeypatch, ca
         main(["list"])
     assert end.value.code == 128 + signal.SIGTERM
     assert capsys.readouterr().err == ""
+
+
+def of_any_kind(number):
+    """What is run, in which a signal comes, and what Python drops of it."""
+
+    class Deleted:
+        def __del__(self):
+            signal.raise_signal(number)
+
+    class Referred:
+        pass
+
+    def deleting():
+        Deleted()
+
+    def calling_back():
+        referred = Referred()
+        kept = weakref.ref(referred, lambda _: signal.raise_signal(number))
+        del referred
+        assert kept() is None
+
+    def collecting():
+        loop = Deleted()
+        loop.own = loop
+        del loop
+        gc.collect()
+
+    return {"deleted": deleting, "a callback": calling_back, "collected": collecting}
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize("moment", ["deleted", "a callback", "collected"])
+def test_a_signal_comes_through_wherever_python_would_drop_it(number, code, moment, monkeypatch, capsys):
+    """What is raised in a destructor is printed and forgotten: the command would go on."""
+
+    def goes_on(self):
+        of_any_kind(number)[moment]()
+        time.sleep(5)
+        return 0
+
+    before = sys.unraisablehook
+    monkeypatch.setattr("mjmerge.cli.list.List.__call__", goes_on)
+    with pytest.raises(SystemExit) as end:
+        main(["list"])
+    assert end.value.code == code
+    assert capsys.readouterr().err == ("" if number == signal.SIGTERM else "mjmerge: interrupted\n")
+    assert sys.unraisablehook is before
+
+
+def test_what_else_a_destructor_raises_is_told_as_ever(monkeypatch, capsys):
+    class Deleted:
+        def __del__(self):
+            raise ValueError("its own")
+
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", told.append)
+    monkeypatch.setattr("mjmerge.cli.list.List.__call__", lambda _: 0 if Deleted() else 1)
+    with pytest.raises(SystemExit) as end:
+        main(["list"])
+    assert end.value.code == 0
+    assert [str(what.exc_value) for what in told] == ["its own"]
+
+
+def test_being_told_to_end_is_that_whatever_error_a_library_makes_of_it(monkeypatch, capsys):
+    def breaks(self):
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except SystemExit as error:
+            raise RuntimeError("a library's own") from error
+
+    monkeypatch.setattr("mjmerge.cli.list.List.__call__", breaks)
+    with pytest.raises(SystemExit) as end:
+        main(["list"])
+    assert (end.value.code, capsys.readouterr().err) == (143, "")
