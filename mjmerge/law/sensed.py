@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.state import Array, Cars, dot, norm
+from mjmerge.state import LEAST, Array, Cars, dot, norm
 
 End = Callable[[Array, Array], tuple[Array, Array]]
 """From p and v of the ego to p and v of what it is told of the end of its lane, (N, 2) each."""
@@ -99,22 +99,16 @@ def of_each(values: Array, j: Places) -> Array:
     return values[:, j] if isinstance(j, int) else values[np.arange(len(values)), j]
 
 
-def _unit(a: Array, length: Array) -> Array:
-    """a/length, and zero where the length is."""
-    return a / np.where(length == 0, 1.0, length)[..., None]
-
-
 def geometry(law: Terms, sensed: Sensed) -> Geometry:
     """Distances to every neighbour, and the gap between the two that the law names, with its margin r."""
-    e = sensed.p[:, None] - sensed.p_j
-    distance = norm(e)
-    g = _unit(e, distance)  # from the neighbour to the ego; the paper's text has it the other way round
-    p_21 = of_each(sensed.p_j, law.j_2) - of_each(sensed.p_j, law.j_1)
-    gap = norm(p_21)
-    return Geometry(
-        g=g,
-        d=distance - law.r_m,
-        d_dot=dot(g, sensed.v[:, None] - sensed.v_j),
-        dbar=gap - law.r_m,
-        dbar_dot=dot(_unit(p_21, gap), of_each(sensed.v_j, law.j_2) - of_each(sensed.v_j, law.j_1)),
-    )
+    p_j, v_j, j_1, j_2 = sensed.p_j, sensed.v_j, law.j_1, law.j_2
+    runs, others, _ = p_j.shape
+    e, nu = np.empty((2, runs, others + 1, 2))  # from each neighbour to the ego, and last from leader to follower
+    np.subtract(sensed.p[:, None], p_j, out=e[:, :-1])
+    np.subtract(sensed.v[:, None], v_j, out=nu[:, :-1])
+    np.subtract(of_each(p_j, j_2), of_each(p_j, j_1), out=e[:, -1])
+    np.subtract(of_each(v_j, j_2), of_each(v_j, j_1), out=nu[:, -1])
+    length = norm(e)
+    g = e / np.maximum(length, LEAST)[..., None]  # from the neighbour to the ego; in the paper's text from it
+    d, d_dot = length - law.r_m, dot(g, nu)
+    return Geometry(g=g[:, :-1], d=d[:, :-1], d_dot=d_dot[:, :-1], dbar=d[:, -1], dbar_dot=d_dot[:, -1])

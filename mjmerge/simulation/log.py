@@ -9,9 +9,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmerge.law.choice import FOLLOWER, LEADER, Two
+from mjmerge.law.sensed import Sensed, geometry
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import COLUMNS, Stop, Trace, own, the_truth
+from mjmerge.simulation.trace import COLUMNS, Stop, Trace, own, place_of, the_truth
 from mjmerge.state import Array, Mask
 from mjmerge.vehicle.datasheet import DataSheet
 
@@ -105,18 +107,19 @@ class Log:
             if scenario.law.choice != "named":
                 told["sensed_leader_mps2"] = told["sensed_leader_mps2"] * np.nan  # as it is chosen
             self.columns |= told
+        self._block_ticks = block_ticks(scenario.control_step_s)
         self._stops: list[Stop] = []
         sinks = ((sink, BLOCK_S), (live, GLIMPSE_S))
         self._feeds = [
             _Feed(to, block_ticks(scenario.control_step_s, s)) for to, s in sinks if to is not None
         ]
-        self._ticks = 0
+        self._ticks = self._followed = 0
 
     def write(self, row: Mapping[str, Array], running: Mask, qpos: Callable[[], Array]) -> None:
         """One tick of all simulations; those not running stay NaN.
 
         Args:
-            row: value of every column, (N, ...).
+            row: value of every column that does not follow from others, (N, ...).
             running: which simulations still run, (N,).
             qpos: gives the generalised positions of simulation 0 now, (nq,), if they are needed.
         """
@@ -129,12 +132,38 @@ class Log:
         self._ticks = k + 1
         if self._feeds and running[0]:
             now = qpos().copy()
-            for feed in self._feeds:
-                if feed.add(now):
-                    feed.flush(self.time_s, self.columns, self._ticks)
+            for feed in [feed for feed in self._feeds if feed.add(now)]:
+                self._follow()
+                feed.flush(self.time_s, self.columns, self._ticks)
+        elif self._ticks - self._followed >= self._block_ticks:
+            self._follow()
+
+    def _follow(self) -> None:
+        """The true distances and the gap of the ticks since the last time, from how the cars moved."""
+        ticks = slice(self._followed, self._ticks)
+        self._followed = self._ticks
+        cars = self.columns["front_m"].shape[2:]
+        front_m, velocity_mps = (
+            self.columns[name][:, ticks].reshape(-1, *cars) for name in ("front_m", "velocity_mps")
+        )
+        law = self._scenario.law
+        chosen = {s.name: self.columns[s.name][:, ticks].ravel() for s in (LEADER, FOLLOWER) if s.name in self.columns}
+        two = Two(law.r_m, place_of(chosen, LEADER, law.j_1), place_of(chosen, FOLLOWER, law.j_2))
+        p, p_j = front_m[:, 0], front_m[:, 1:]
+        v, v_j = velocity_mps[:, 0], velocity_mps[:, 1:]
+        truth = geometry(two, Sensed(p, v, p_j, v_j, u_1=np.full_like(p, np.nan)))
+        for name, values in (
+            ("distance_m", truth.d),
+            ("distance_rate_mps", truth.d_dot),
+            ("gap_m", truth.dbar),
+            ("gap_rate_mps", truth.dbar_dot),
+        ):
+            column = self.columns[name][:, ticks]
+            column[:] = values.reshape(column.shape)
 
     def flush(self) -> None:
         """Hands the sinks what they have not had yet."""
+        self._follow()
         for feed in self._feeds:
             feed.flush(self.time_s, self.columns, self._ticks)
 

@@ -174,7 +174,6 @@ def run(
             if running[one]:
                 running[one] = False
                 log.stop(Stop(one, t, names[0], why))
-        truth = geometry(two, Sensed.of(cars, u_1))
 
         # actuate
         u = np.concatenate([decision.u[:, None], u_j], axis=1)
@@ -183,11 +182,11 @@ def run(
         foresee.told(controls)
 
         # record
-        row = _row(cars, truth, controls, moving.contacts()) | _of_law(law, memory, decision, len(names) - 1)
+        row = _row(cars, controls, moving.contacts()) | _of_law(law, memory, decision, len(names) - 1)
         if ramp is not None:
             row |= ramp.columns(cars.front_m[:, 0], cars.velocity_mps[:, 0], cars.heading_rad[:, 0])
         if foresee.looks_ahead or not made_own:  # the law's distances are those of later, or it gives none
-            row |= _distances(truth if sense.exact else geometry(two, Sensed.of(seen, u_1)))
+            row |= _distances(geometry(two, Sensed.of(seen, u_1)))
         if not sense.exact:
             row |= _told(seen, u_1)
         elif law.choice != "named":
@@ -230,18 +229,9 @@ def recorded(law: Law, signals: Mapping[str, Array], neighbours: int) -> dict[st
     return {n: v[:, :neighbours] if n in OWN_DISTANCES or n in asks else v for n, v in signals.items()}
 
 
-def _row(
-    cars: Cars,
-    truth: Geometry,
-    controls: Controls,
-    contacts: tuple[Array, Array],
-) -> dict[str, Array]:
-    """One tick, as the columns of the trace."""
+def _row(cars: Cars, controls: Controls, contacts: tuple[Array, Array]) -> dict[str, Array]:
+    """One tick, as the columns of the trace; the distances follow from it."""
     return {
-        "distance_m": truth.d,
-        "distance_rate_mps": truth.d_dot,
-        "gap_m": truth.dbar,
-        "gap_rate_mps": truth.dbar_dot,
         "clearance_m": cars.clearance_m,
         "contact_impulse_n_s": contacts[0],
         "contact_speed_mps": contacts[1],
