@@ -143,11 +143,20 @@ class Traffic:
         """Which of all cars' drivers mean to stand, (N, C), given what they intend; the ego has none."""
         p, v = cars.front_m[..., 0], cars.velocity_mps[..., 0]
         found = np.zeros(p.shape, dtype=bool)
-        for j, of_one in enumerate(self.drivers):
-            own = Along(p[:, j + 1], v[:, j + 1], u_j[:, j, 0], start_m=self.starts_m[:, j, 0])
-            for one in of_one:
-                found[one.rows, j + 1] = ask(one.driver, "stands", time_s, own.of(one.rows), self.hold_s)
+        for j, one in self._may_stand:
+            own = Along(p[:, j + 1], v[:, j + 1], u_j[:, j, 0], start_m=self.starts_m[:, j, 0]).of(one.rows)
+            found[one.rows, j + 1] = ask(one.driver, "stands", time_s, own, self.hold_s)
         return found
+
+    @cached_property
+    def _may_stand(self) -> tuple[tuple[int, Together], ...]:
+        """Whoever says when it means to stand, each with its neighbour's place: all others never do."""
+        return tuple(
+            (j, one)
+            for j, of_one in enumerate(self.drivers)
+            for one in of_one
+            if type(one.driver).stands is not Driver.stands
+        )
 
     def switches(self) -> Array:
         """When some intention may jump, in a single simulation, s, increasing."""

@@ -265,13 +265,14 @@ class MuJoCo:
             friction = self._patch.friction(along_m, self._off_patch)
             self._rub(friction)
             self._friction = friction
-        still = self._held & (np.abs(v[..., 0]) <= CRAWL_MPS)
         d, damping = self._tyres.contact(np.hypot(ahead, across), slip, self._friction)
-        if still.any():
+        still = self._held
+        if stands := bool(still.any()):
+            still = still & (np.abs(v[..., 0]) <= CRAWL_MPS)
             d = np.where(still[..., None], np.minimum(d, STILL), d)
         self._impedance[:, self._pairs, :2] = d.reshape(len(d), -1, 1)
         self._damping[:, self._pairs, 1] = -damping.reshape(len(d), -1)
-        if self._bristles.bent or still.any():
+        if self._bristles.bent or stands:
             pull = self._mass_kg[..., None] * self._gravity[:, None, :2] + self._wind_n
             left = self._bristles(still, pull, self._friction)
             self._rub(left)

@@ -159,7 +159,7 @@ def run(
             if running[fault.run]:
                 running[fault.run] = False
                 log.stop(Stop(fault.run, t, names[fault.car], fault.reason, fault.touched, fault.crossing))
-        if not running.any():
+        if log.stopped == runs:
             break
         cars = moving.observe()
 

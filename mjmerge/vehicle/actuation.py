@@ -207,7 +207,7 @@ def wheel_torques(speed_mps: Array, a_mps2: Array, believed: BelievedCars) -> tu
     v, r = speed_mps, believed.wheel_radius_m
     speed = np.abs(v)
     moves = speed > CRAWL_MPS
-    wanted = r * (believed.effective_mass_kg * a_mps2 + resistance_n(v, believed))
+    wanted = r * (believed.effective_mass_kg * a_mps2 + _resistance_n(v, speed, moves, believed))
     braking = (wanted * v < 0) & moves
     powered = believed.power_limit_w * r / np.maximum(speed, CRAWL_MPS)
     most = np.where(braking, believed.brake_limit_n_m, np.minimum(believed.torque_limit_n_m, powered))
@@ -218,8 +218,12 @@ def wheel_torques(speed_mps: Array, a_mps2: Array, believed: BelievedCars) -> tu
 
 def resistance_n(speed_mps: Array, believed: BelievedCars) -> Array:
     """Force of air and rolling resistance against the motion, N, (N, C)."""
-    v, speed = speed_mps, np.abs(speed_mps)
-    rolling = np.where(speed > CRAWL_MPS, believed.rolling_n * limit(v / ROLLS_MPS, 1.0), 0.0)
+    speed = np.abs(speed_mps)
+    return _resistance_n(speed_mps, speed, speed > CRAWL_MPS, believed)
+
+
+def _resistance_n(v: Array, speed: Array, moves: Mask, believed: BelievedCars) -> Array:
+    rolling = np.where(moves, believed.rolling_n * limit(v / ROLLS_MPS, 1.0), 0.0)
     resistance: Array = believed.drag_n_per_mps2 * v * speed + rolling
     return resistance
 
