@@ -103,7 +103,9 @@ def geometry(law: Terms, sensed: Sensed) -> Geometry:
     """Distances to every neighbour, and the gap between the two that the law names, with its margin r."""
     p_j, v_j, j_1, j_2 = sensed.p_j, sensed.v_j, law.j_1, law.j_2
     runs, others, _ = p_j.shape
-    e, nu = np.empty((2, runs, others + 1, 2))  # from each neighbour to the ego, and last from leader to follower
+    e, nu = np.empty(
+        (2, runs, others + 1, 2)
+    )  # from each neighbour to the ego, and last from leader to follower
     np.subtract(sensed.p[:, None], p_j, out=e[:, :-1])
     np.subtract(sensed.v[:, None], v_j, out=nu[:, :-1])
     np.subtract(of_each(p_j, j_2), of_each(p_j, j_1), out=e[:, -1])

@@ -147,7 +147,11 @@ class Log:
             self.columns[name][:, ticks].reshape(-1, *cars) for name in ("front_m", "velocity_mps")
         )
         law = self._scenario.law
-        chosen = {s.name: self.columns[s.name][:, ticks].ravel() for s in (LEADER, FOLLOWER) if s.name in self.columns}
+        chosen = {
+            s.name: self.columns[s.name][:, ticks].ravel()
+            for s in (LEADER, FOLLOWER)
+            if s.name in self.columns
+        }
         two = Two(law.r_m, place_of(chosen, LEADER, law.j_1), place_of(chosen, FOLLOWER, law.j_2))
         p, p_j = front_m[:, 0], front_m[:, 1:]
         v, v_j = velocity_mps[:, 0], velocity_mps[:, 1:]

@@ -106,7 +106,8 @@ def test_a_scenario_whose_own_step_is_as_large_or_that_has_bounds_of_its_own_met
 
 def row(d_1, d_2, clearance, verdict="held", stopped=None, **more):
     least = {"min_d_1_m": d_1, "min_d_2_m": d_2, "min_clearance_m": clearance}
-    return {"stopped": stopped, "verdict": verdict} | least | more
+    others = {"without_barrier_m": -0.1, "contact_speed_mps": 0.0}
+    return {"stopped": stopped, "verdict": verdict} | least | others | more
 
 
 CHARGE = mjmerge.load("charge")  # r 0.6 m
@@ -120,7 +121,27 @@ def test_near_is_what_is_that_near_to_a_threshold_and_nothing_decides_a_run_that
 ):
     found = near(row(d + more, d, body), CHARGE, WITHIN)
     asked = any(abs(d - at) <= NEAR_M for at in (0.0, FLOOR_M, 0.6)) or abs(body) <= NEAR_M
-    assert found == (asked and d > -NEAR_M)
+    assert found == ((asked or d >= 0.6) and d > -NEAR_M)
+
+
+@given(st.floats(0.2, 0.5), st.floats(0.001, 0.5))
+def test_whether_the_barrier_was_needed_decides_too(d, without):
+    """Which it was where the ideal without it comes closer by more than a tenth of r."""
+    asked = abs(d - without - 0.06) <= NEAR_M
+    assert near(row(d, d, 0.3, without_barrier_m=without), CHARGE, WITHIN) == asked
+    assert not near(row(d, d, 0.3, without_barrier_m=-without), CHARGE, WITHIN)
+    assert not near(row(d, d, 0.3, without_barrier_m=None), CHARGE, WITHIN)
+
+
+@pytest.mark.parametrize("d", [0.0, 0.3, 0.6])
+def test_bodies_that_meet_faster_than_they_could_brake_in_that_distance_would_meet_with_it_too(d):
+    least = (2 * 9.81 * NEAR_M) ** 0.5
+    for speed, decided in ((0.0, False), (0.99 * least, False), (1.01 * least, True)):
+        hit = row(d, d, -0.001, "assumption broken", contact_speed_mps=speed, without_barrier_m=None)
+        assert near(hit, CHARGE, WITHIN) != decided
+    fast = {"contact_speed_mps": 2 * least}
+    assert near(row(FLOOR_M, 0.3, -0.001, **fast), CHARGE, WITHIN), "its floor is asked for as well"
+    assert near(row(0.3, 0.3, 0.001, **fast), CHARGE, WITHIN), "bodies that did not touch have no such speed"
 
 
 @pytest.mark.parametrize(
@@ -139,8 +160,9 @@ def test_what_ended_early_or_refutes_or_is_not_known_is_never_decided_by_larger_
 def test_the_edge_where_the_lane_ends_decides_too():
     ramp = mjmerge.load("ramp_small")
     far, at_floor = 3.0 * ramp.r_m, ramp.expect.min_edge_distance_m.at_least
-    assert not near(row(far, far, far, min_edge_distance_m=2 * ramp.r_m), ramp, WITHIN)
-    assert near(row(far, far, far, min_edge_distance_m=at_floor + 1e-3), ramp, WITHIN)
+    unneeded = {"without_barrier_m": far}
+    assert not near(row(far, far, far, min_edge_distance_m=2 * ramp.r_m, **unneeded), ramp, WITHIN)
+    assert near(row(far, far, far, min_edge_distance_m=at_floor + 1e-3, **unneeded), ramp, WITHIN)
 
 
 @pytest.mark.parametrize(
