@@ -39,7 +39,8 @@ def held_mib() -> float:
 
 def main() -> None:
     """Prints what is held from when on."""
-    os.setpgrp()
+    if os.getpgrp() != os.getpid():
+        os.setpgrp()
     axes = {
         "mismatch.friction": {"uniform": [0.3, 1.0]},
         "mismatch.command_delay_s": {"uniform": [0.0, 0.1]},
