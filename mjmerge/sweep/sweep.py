@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.errors import WorkerError
+from mjmerge.errors import OutputError, WorkerError
 from mjmerge.sweep import losses
 from mjmerge.sweep.folder import SHARDS, TABLE, claim, identity, place, read, write
 from mjmerge.sweep.parts import WHOLE, Part
@@ -90,7 +90,8 @@ def sweep(
     """
     with nullcontext(team) if team is not None else workers(min(processes, len(plan.cases))) as who:
         found = do_part(plan, folder, WHOLE, who, together=together, progress=progress).table
-    assert found is not None, "nothing is left to others"
+    if found is None:
+        raise OutputError(f"{folder}: rows that were written there are gone, or damaged; run it again")
     return found
 
 
@@ -121,25 +122,25 @@ def do_part(
     every = shards(plan, together)
     mine = part.among(every)
     claim(folder, whose(plan, every))
-    kept = _there(plan, folder, mine)
-    before = sum(found.num_rows for found in kept.values())
+    begun = {n: (found.num_rows, losses.lost_of(found)) for n, found in _there(plan, folder, mine).items()}
+    before = sum(rows for rows, _ in begun.values())
+    whole = {shard.number: shard for shard in mine}
+    lacking = {number: lost for number, (_, lost) in begun.items() if lost}
 
     def keep(shard: Shard, rows: Rows, lost: Mapping[int, str]) -> None:
         found = table(plan, sorted(rows), [rows[i] for i in sorted(rows)], lost)
-        if shard.number in kept:  # the others of it were there
-            found = joined(plan, [kept[shard.number], found], lost)
-        kept[shard.number] = found
-        write(found, place(folder, shard))
+        others = there(plan, folder, whole[shard.number]) if shard.number in lacking else None
+        write(found if others is None else joined(plan, [others, found], lost), place(folder, shard))
 
-    lacking = {number: found for number, found in kept.items() if losses.lost_of(found)}
     team.map(
-        [shard for shard in mine if shard.number not in kept],
+        [shard for shard in mine if shard.number not in begun],
         keep,
         lambda done: report(before + done, before),
-        [shard.only(losses.lost_of(lacking[shard.number])) for shard in mine if shard.number in lacking],
+        [whole[number].only(lost) for number, lost in lacking.items()],
     )
-    here = joined(plan, [table(plan, (), ()), *(kept[shard.number] for shard in mine)])
-    kept |= _there(plan, folder, [shard for shard in every if shard.number not in kept])
+    kept = _there(plan, folder, every)  # not before: until then a million rows are on disk alone
+    own = [kept[shard.number] for shard in mine if shard.number in kept]
+    here = joined(plan, [table(plan, (), ()), *own])
     missing = tuple(shard for shard in every if shard.number not in kept)
     found = None if missing else gathered(plan, folder, [kept[shard.number] for shard in every])
     return Standing(found, here, missing, losses.lost_of(here if found is None else found))
