@@ -16,7 +16,8 @@ from mjmerge.config import shipped
 from mjmerge.config.bounds import check_runs
 from mjmerge.config.doors import DoorError
 from mjmerge.errors import MjmergeError, OutputError
-from mjmerge.figures.runs import figure
+from mjmerge.figures.runs import overview
+from mjmerge.figures.style import save
 from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
 from mjmerge.record import FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
@@ -30,14 +31,14 @@ from mjmerge.search.explain import Explanation, as_json
 from mjmerge.search.explain import explain as explain_
 from mjmerge.search.margin import margin
 from mjmerge.simulation.loop import simulate
-from mjmerge.simulation.trace import Trace
+from mjmerge.simulation.trace import Trace, worst_run
 from mjmerge.state import Array
 from mjmerge.vehicle.acceptance import Acceptance, acceptance
 from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
-from mjmerge.verdict.summary import ends_s, ground, summary, worst_run
+from mjmerge.verdict.summary import ends_s, ground, summary
 
 if TYPE_CHECKING:
     from mjmerge.record.rerun.live import Live
@@ -204,7 +205,7 @@ def run(
             assert world is not None, "a recording shows the world"
             failures += _record_selected(folder, trace, verdicts, metrics, world, why)
         try:  # the run is over, and its verdict is worth as much without them
-            figure(trace, folder / "figure.png", worst)
+            save(overview(trace, worst), folder / "figure.png")
             if why is not None:
                 put(folder / EXPLANATION, json.dumps(as_json(why), indent=2) + "\n")
             put(folder / "summary.json", json.dumps(found, indent=2) + "\n")

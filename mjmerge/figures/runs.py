@@ -1,4 +1,4 @@
-"""Figures of traces, as the paper draws them: functions from traces to matplotlib figures, and to files.
+"""Figures of traces, as the paper draws them: functions from traces to matplotlib figures, or into axes.
 
 A figure of one run, or of a run beside the ideal one: then the ideal is a broad pale line below, and a panel
 shows the difference. Lengths in m, time in s; nothing here opens a window.
@@ -7,19 +7,17 @@ shows the difference. Lengths in m, time in s; nothing here opens a window.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, colour, save, sheet, words
+from mjmerge.config.bounds import whole
+from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, Panels, sheet, words
 from mjmerge.law import is_paper, of_paper
+from mjmerge.roster import colour
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict.metrics import chosen_anew, shared_ticks
-
-if TYPE_CHECKING:
-    pass
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,9 +28,22 @@ _FEW = 3
 """Neighbours whose names have room beside their lines."""
 
 
-def overview(trace: Trace, run: int = 0) -> Figure:
-    """Opinion, lateral positions and distances of one run."""
-    figure, (opinion, lateral, distance) = sheet((1, 1, 1), 8.5)
+def overview(trace: Trace, run: int = 0, axes: Panels = None) -> Figure:
+    """Opinion, lateral positions and distances of one run.
+
+    Args:
+        trace: what happened.
+        run: which of its simulations.
+        axes: three panels to draw into, in place of a figure of its own.
+
+    Returns:
+        The figure: its own, or that of the panels.
+
+    Raises:
+        MjmergeError: it is another number of panels, or there is no such simulation.
+    """
+    run = whole("run", run, 0, trace.runs - 1)
+    figure, (opinion, lateral, distance) = sheet((1, 1, 1), 8.5, axes=axes)
     t = trace.time_s
     if not np.isnan(trace.opinion[run]).all():
         opinion.plot(t, trace.opinion[run], color=OPINION, label="$z$")
@@ -48,16 +59,16 @@ def overview(trace: Trace, run: int = 0) -> Figure:
     _draw_end(lateral, trace, run)
     _draw_distances(distance, trace, run)
     distance.set_xlabel("time (s)")
-    for axes in (opinion, lateral, distance):
+    for panel in (opinion, lateral, distance):
         for k in chosen_anew(trace, run):
-            axes.axvline(t[k], color=MU, linewidth=0.8, linestyle=":")
+            panel.axvline(t[k], color=MU, linewidth=0.8, linestyle=":")
         if len(trace.roster.neighbours) <= _FEW:
-            axes.legend(loc="upper right", frameon=False)
+            panel.legend(loc="upper right", frameon=False)
         else:
-            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+            panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     _write_choices(opinion, trace, run)
     law = "" if is_paper(trace.scenario.law) else f", {words(trace.scenario.law.label)}"
-    figure.suptitle(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}{law}")
+    opinion.set_title(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}{law}")
     return figure
 
 
@@ -69,9 +80,22 @@ def _write_choices(axes: Axes, trace: Trace, run: int) -> None:
         axes.text(*where, text, transform=axes.get_xaxis_transform(), rotation=90, va="top", fontsize=8)
 
 
-def opinion(trace: Trace, ideal: Trace | None = None) -> Figure:
-    """Opinion and lateral position of the ego, with the lane of the vehicles in red; simulation 0."""
-    figure, panels = sheet((3, 3) if ideal is None else (3, 1, 3, 1), 5.4 if ideal is None else 7.2)
+def opinion(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> Figure:
+    """Opinion and lateral position of the ego, with the lane of the vehicles in red; simulation 0.
+
+    Args:
+        trace: what happened.
+        ideal: the same on the plant of the proof, to be drawn beside it.
+        axes: two panels to draw into, four with the ideal, in place of a figure of its own.
+
+    Returns:
+        The figure: its own, or that of the panels.
+
+    Raises:
+        MjmergeError: it is another number of panels.
+    """
+    heights, height_in = ((3, 3), 5.4) if ideal is None else ((3, 1, 3, 1), 7.2)
+    figure, panels = sheet(heights, height_in, axes=axes)
     top, bottom = (panels[0], panels[1]) if ideal is None else (panels[0], panels[2])
     t = trace.time_s
     _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
@@ -99,9 +123,22 @@ def opinion(trace: Trace, ideal: Trace | None = None) -> Figure:
     return figure
 
 
-def distances(trace: Trace, ideal: Trace | None = None) -> Figure:
-    """Every d_j, with the margin in red; simulation 0."""
-    figure, panels = sheet((3,) if ideal is None else (3, 1), 3.6 if ideal is None else 5.2)
+def distances(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> Figure:
+    """Every d_j, with the margin in red; simulation 0.
+
+    Args:
+        trace: what happened.
+        ideal: the same on the plant of the proof, to be drawn beside it.
+        axes: a panel to draw into, two with the ideal, in place of a figure of its own.
+
+    Returns:
+        The figure: its own, or that of the panels.
+
+    Raises:
+        MjmergeError: it is another number of panels.
+    """
+    heights, height_in = ((3,), 3.6) if ideal is None else ((3, 1), 5.2)
+    figure, panels = sheet(heights, height_in, axes=axes)
     top, t = panels[0], trace.time_s
     _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
     if ideal is not None:
@@ -132,9 +169,22 @@ def distances(trace: Trace, ideal: Trace | None = None) -> Figure:
     return figure
 
 
-def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
-    """Opinion, lateral position and distances of two runs, the first broad and pale, and how they differ."""
-    figure, (opinion, lateral, distance, apart) = sheet((2, 2, 3, 1.5), 9.6)
+def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None) -> Figure:
+    """Opinion, lateral position and distances of two runs, the first broad and pale, and how they differ.
+
+    Args:
+        a: what happened in one; simulation 0.
+        b: what happened in the other, likewise.
+        labels: what they are called.
+        axes: four panels to draw into, in place of a figure of its own.
+
+    Returns:
+        The figure: its own, or that of the panels.
+
+    Raises:
+        MjmergeError: it is another number of panels.
+    """
+    figure, (opinion, lateral, distance, apart) = sheet((2, 2, 3, 1.5), 9.6, axes=axes)
     in_a, in_b = shared_ticks(a, b)
     style: tuple[dict[str, Any], ...] = (PALE, {})
     with_z = not any(np.isnan(trace.opinion[0]).all() for trace in (a, b))
@@ -155,8 +205,8 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
     lines = {f"$d_{j + 1}$": (off[:, j], colour(car)) for j, car in enumerate(both)}
     difference(apart, a.time_s[in_a], lines, "$\\Delta d_j$", 1e3, "mm")
     apart.set_xlabel("time $t$ (s)")
-    for axes in (opinion, distance):
-        axes.legend(loc="upper right", frameon=False)
+    for panel in (opinion, distance):
+        panel.legend(loc="upper right", frameon=False)
     return figure
 
 
@@ -221,8 +271,3 @@ def _vehicle(car: str) -> str:
 
 def _label(name: str, trace: Trace, ideal: Trace | None) -> str:
     return name if ideal is None else f"{name}, {trace.plant}"
-
-
-def figure(trace: Trace, path: Path, run: int = 0) -> None:
-    """Opinion, lateral position and distances over time, as the paper draws them."""
-    save(overview(trace, run), path)

@@ -8,17 +8,16 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from mjmerge.errors import MjmergeError
 from mjmerge.outputs import written
-from mjmerge.roster import PAINT, paint
+from mjmerge.roster import PAINT, colour
 from mjmerge.state import Array
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-def colour(car: str) -> str:
-    """Of a car."""
-    return "#" + "".join(f"{round(255 * c):02x}" for c in paint(car))
 
 
 COLOURS = {car: colour(car) for car in PAINT}
@@ -46,19 +45,50 @@ def words(text: str) -> str:
     return text.replace("$", "\\$")
 
 
-def sheet(heights: Sequence[float], height_in: float, columns: int = 1) -> tuple[Figure, Any]:
-    """An empty figure and its axes: panels of these relative heights over one time axis, or columns."""
+Panels = Any
+"""Axes of matplotlib, one for each panel; of a figure with one panel also that alone."""
+
+
+def sheet(
+    heights: Sequence[float], height_in: float, columns: int = 1, axes: Panels = None
+) -> tuple[Figure, Any]:
+    """An empty figure and its axes: panels of these relative heights over one time axis, or columns.
+
+    Args:
+        heights: of the panels, one after the other downwards.
+        height_in: of the figure, inches.
+        columns: panels beside each other.
+        axes: what to draw into, in place of a figure of its own.
+
+    Raises:
+        MjmergeError: it is another number of axes.
+    """
+    if axes is not None:
+        return _given(list(np.ravel(axes)), len(heights) * columns)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     grid = {"height_ratios": heights}
-    axes = figure.subplots(len(heights), columns, sharex=columns == 1, squeeze=False, gridspec_kw=grid)
-    for panel in axes.flat:
-        panel.grid(alpha=0.25)
-        panel.margins(x=0)
-    return figure, axes[0] if columns > 1 else axes[:, 0]
+    made = figure.subplots(len(heights), columns, sharex=columns == 1, squeeze=False, gridspec_kw=grid)
+    for panel in made.flat:
+        _dress(panel)
+    return figure, made[0] if columns > 1 else made[:, 0]
+
+
+def _given(panels: list[Any], wanted: int) -> tuple[Figure, Any]:
+    """Axes to draw into that somebody has made already, and the figure that they are in."""
+    if len(panels) != wanted:
+        raise MjmergeError(f"this figure has {wanted} panels: pass as many axes, got {len(panels)}")
+    for panel in panels:
+        _dress(panel)
+    return panels[0].figure.figure, panels  # of a part of a figure, the whole
+
+
+def _dress(panel: Axes) -> None:
+    panel.grid(alpha=0.25)
+    panel.margins(x=0)
 
 
 def save(figure: Figure, path: Path, ending: str = "") -> None:

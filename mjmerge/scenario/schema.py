@@ -22,6 +22,7 @@ from mjmerge.config.frozen import Frozen, Further, NonNegative, PerCar, Positive
 from mjmerge.config.units import Unit, rescaled
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.roster import EGO, Roster, in_order
+from mjmerge.scenario.look import html, line
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.space import Space
 from mjmerge.vehicle.datasheet import DataSheet
@@ -383,6 +384,15 @@ class Scenario(Frozen):
             problems = [Problem(e["msg"], ".".join(map(str, e["loc"]))) for e in invalid.errors()]
             raise ScenarioError(f"{self.name}, scaled by {length:g}", problems) from invalid
         return other
+
+    def __repr__(self) -> str:
+        return line(self)
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows of it."""
+        return html(self)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scenario) and self.model_dump() == other.model_dump()
