@@ -16,7 +16,7 @@ from mjmerge.config import shipped
 from mjmerge.config.bounds import check_runs
 from mjmerge.config.doors import DoorError
 from mjmerge.errors import MjmergeError, OutputError
-from mjmerge.figures.runs import overview
+from mjmerge.figures.overview import overview
 from mjmerge.figures.style import save
 from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
@@ -205,7 +205,7 @@ def run(
             assert world is not None, "a recording shows the world"
             failures += _record_selected(folder, trace, verdicts, metrics, world, why)
         try:  # the run is over, and its verdict is worth as much without them
-            save(overview(trace, worst), folder / "figure.png")
+            save(overview(trace, worst, verdict=verdicts[worst]), folder / "figure.png")
             if why is not None:
                 put(folder / EXPLANATION, json.dumps(as_json(why), indent=2) + "\n")
             put(folder / "summary.json", json.dumps(found, indent=2) + "\n")

@@ -11,73 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.config.bounds import whole
 from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, Panels, sheet, words
-from mjmerge.law import is_paper, of_paper
+from mjmerge.law import of_paper
 from mjmerge.roster import colour
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
-from mjmerge.verdict.metrics import chosen_anew, shared_ticks
+from mjmerge.verdict.metrics import shared_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-_FEW = 3
-"""Neighbours whose names have room beside their lines."""
-
-
-def overview(trace: Trace, run: int = 0, axes: Panels = None) -> Figure:
-    """Opinion, lateral positions and distances of one run.
-
-    Args:
-        trace: what happened.
-        run: which of its simulations.
-        axes: three panels to draw into, in place of a figure of its own.
-
-    Returns:
-        The figure: its own, or that of the panels.
-
-    Raises:
-        MjmergeError: it is another number of panels, or there is no such simulation.
-    """
-    run = whole("run", run, 0, trace.runs - 1)
-    figure, (opinion, lateral, distance) = sheet((1, 1, 1), 8.5, axes=axes)
-    t = trace.time_s
-    if not np.isnan(trace.opinion[run]).all():
-        opinion.plot(t, trace.opinion[run], color=OPINION, label="$z$")
-        opinion.plot(t, trace.mu[run], color=MU, linewidth=0.8, label="$\\mu$")
-        opinion.set_ylabel("opinion")
-    else:
-        opinion.plot(t, trace.u_mps2[run, :, 0, 0], color=OPINION, label="along")
-        opinion.plot(t, trace.u_mps2[run, :, 0, 1], color=MU, linewidth=0.8, label="across")
-        opinion.set_ylabel("command $u$ (m/s²)")
-    for c, car in enumerate(trace.roster.cars):
-        lateral.plot(t, trace.front_m[run, :, c, 1], color=colour(car), label=_name(car))
-    lateral.set_ylabel("lateral position $\\eta^\\top p$ (m)")
-    _draw_end(lateral, trace, run)
-    _draw_distances(distance, trace, run)
-    distance.set_xlabel("time (s)")
-    for panel in (opinion, lateral, distance):
-        for k in chosen_anew(trace, run):
-            panel.axvline(t[k], color=MU, linewidth=0.8, linestyle=":")
-        if len(trace.roster.neighbours) <= _FEW:
-            panel.legend(loc="upper right", frameon=False)
-        else:
-            panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    _write_choices(opinion, trace, run)
-    law = "" if is_paper(trace.scenario.law) else f", {words(trace.scenario.law.label)}"
-    opinion.set_title(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}{law}")
-    return figure
-
-
-def _write_choices(axes: Axes, trace: Trace, run: int) -> None:
-    """Which gap it goes for, beside the time from which it does."""
-    for k in chosen_anew(trace, run):
-        one, two = (1 + int(np.broadcast_to(j, trace.front_m.shape[:2])[run, k]) for j in trace.two)
-        where, text = (trace.time_s[k], 0.98), f" between {one} and {two}"
-        axes.text(*where, text, transform=axes.get_xaxis_transform(), rotation=90, va="top", fontsize=8)
 
 
 def opinion(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> Figure:
@@ -220,18 +163,6 @@ def _draw_distances(axes: Axes, trace: Trace, run: int, of: str = "", **style: A
         axes.plot(trace.time_s, trace.edge_distance_m[run], label=label, **dashed)
     axes.axhline(0, color=LINE, linewidth=1)
     axes.set_ylabel("distance $d_j$ (m)")
-
-
-def _draw_end(axes: Axes, trace: Trace, run: int) -> None:
-    """Where there is no road any more beside an ego that is past the end of its lane; nothing elsewhere."""
-    ramp = trace.ramp
-    if ramp is None:
-        return
-    nose_m = trace.front_m[run, :, 0, 0] + ramp.sheet.front_overhang_m
-    edge_m, outer_m = np.full_like(nose_m, ramp.inner_m[0]), ramp.outer_m[0]
-    axes.fill_between(
-        trace.time_s, edge_m, outer_m, where=nose_m > ramp.ends_m, color="0.8", linewidth=0, label="no road"
-    )
 
 
 def difference(

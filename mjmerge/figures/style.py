@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
+from dataclasses import dataclass
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,8 @@ LINE = "#c00000"
 
 
 _DPI = 110
+_LINE_PT = 11
+"""Of a text at the end of a curve, from one line to the next, points."""
 
 
 PALE: dict[str, Any] = {"linewidth": 5, "alpha": 0.3, "solid_capstyle": "butt"}
@@ -89,6 +92,49 @@ def _given(panels: list[Any], wanted: int) -> tuple[Figure, Any]:
 def _dress(panel: Axes) -> None:
     panel.grid(alpha=0.25)
     panel.margins(x=0)
+
+
+@dataclass(frozen=True)
+class End:
+    """What is written at the right end of a curve.
+
+    Attributes:
+        label: the text.
+        values: of the curve, one for each time; NaN where it has none.
+        own: its colour.
+    """
+
+    label: str
+    values: Array
+    own: str
+
+
+def ends(axes: Axes, each: Sequence[End]) -> None:
+    """Names curves at their right ends, moved apart where they would cover each other."""
+    shown = [(end, end.values[np.isfinite(end.values)]) for end in each]
+    low, high = axes.get_ylim()
+    height_pt = axes.get_window_extent().height * 72 / axes.figure.dpi
+    gap = _LINE_PT / height_pt
+    last = [(i, (v[-1] - low) / (high - low)) for i, (_, v) in enumerate(shown) if v.size]
+    for (i, _), y in zip(last, apart([y for _, y in last], gap), strict=True):
+        text, own = shown[i][0].label, shown[i][0].own
+        axes.text(1.01, y, text, transform=axes.transAxes, color=own, va="center", fontsize=9)
+
+
+def apart(at: Sequence[float], gap: float) -> list[float]:
+    """Places in their order, moved as little upwards as they must to be a gap from each other.
+
+    Those that would then be above 1 are moved down, and whatever is below them with them.
+    """
+    order = np.argsort(at, kind="stable").tolist()
+    found = [float(y) for y in at]
+    for before, i in pairwise(order):
+        found[i] = max(found[i], found[before] + gap)
+    top = 1.0
+    for i in reversed(order):
+        found[i] = min(found[i], top)
+        top = found[i] - gap
+    return found
 
 
 def save(figure: Figure, path: Path, ending: str = "") -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def line(scenario: Scenario) -> str:
     """What it is called, who is there, how long, under which law, and what was given beside its file."""
     cars = f"{len(scenario.roster.cars)} cars ({', '.join(dict.fromkeys(scenario.car_models))})"
-    given = "; set " + ", ".join(_given(scenario)) if scenario.given else ""
+    given = "; set " + ", ".join(scenario.changes) if scenario.changes else ""
     return f"<Scenario {scenario.name}: {cars}, {scenario.duration_s:g} s, law {_law(scenario)}{given}>"
 
 
@@ -31,7 +31,7 @@ def html(scenario: Scenario) -> str:
         facts(
             {
                 "what": scenario.description,
-                "set": ", ".join(_given(scenario)),
+                "set": ", ".join(scenario.changes),
                 "mismatch": ", ".join(_different(scenario.mismatch)),
                 "floor": f"every d_j at least {scenario.expect.min_distance_m.at_least:g} m",
             }
@@ -43,10 +43,6 @@ def html(scenario: Scenario) -> str:
 def _law(scenario: Scenario) -> str:
     kind, label = scenario.law.kind, scenario.law.label
     return label if label in kind else f"{kind} ({label})"
-
-
-def _given(scenario: Scenario) -> list[str]:
-    return [said.removeprefix("--set ") for said in dict.fromkeys(scenario.given.values())]
 
 
 def _different(section: Frozen) -> list[str]:

@@ -274,6 +274,7 @@ class Scenario(Frozen):
     _name: str = PrivateAttr(default="scenario")
     _recorded: tuple[Models, tuple[DataSheet, ...]] | None = PrivateAttr(default=None)
     _given: dict[str, str] = PrivateAttr(default_factory=dict)
+    _changes: tuple[str, ...] = PrivateAttr(default=())
     _metric_codes: tuple[Code, ...] = PrivateAttr(default=())
 
     @property
@@ -324,11 +325,19 @@ class Scenario(Frozen):
         """The same scenario with the memory that these keys were given beside its file."""
         copy = self.model_copy()
         copy._given = dict(given)
+        copy._changes = tuple(dict.fromkeys(text.removeprefix("--set ") for text in given.values()))
         return copy
 
     def settled(self) -> Scenario:
         """The same scenario as if all of it stood in its file: to be run on another plant for comparison."""
-        return self.giving({})
+        copy = self.model_copy()
+        copy._given = {}
+        return copy
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """What was given beside its file, such as ``law.k_o=0``: what a figure says of it. Not compared."""
+        return self._changes
 
     @property
     def sheets(self) -> tuple[DataSheet, ...] | None:

@@ -14,7 +14,8 @@ from hypothesis.extra.numpy import arrays
 
 import mjmerge
 from mjmerge import MjmergeError
-from mjmerge.figures.runs import comparison, distances, opinion, overview
+from mjmerge.figures.overview import overview
+from mjmerge.figures.runs import comparison, distances, opinion
 from mjmerge.notebook.html import lines, table
 from mjmerge.record.read import read, recording
 from mjmerge.review.convert import flat
