@@ -59,7 +59,7 @@ def overview(trace: Trace, run: int = 0, axes: Panels = None, *, verdict: Verdic
         for touch in () if verdict is None else verdict.collisions:
             panel.axvline(touch.time_s, color=LINE, linewidth=2, alpha=0.5)
     _write_choices(opinion, trace, run)
-    title = "\n".join(_title(trace, run))
+    title = "\n".join(ran(trace, run))
     distance.set_xlabel("time (s)")
     if axes is not None:
         opinion.set_title(title, loc="left", fontsize=9, pad=14)
@@ -74,8 +74,8 @@ def overview(trace: Trace, run: int = 0, axes: Panels = None, *, verdict: Verdic
     return figure
 
 
-def _title(trace: Trace, run: int) -> list[str]:
-    """What ran, then every mismatch, then whatever else was given beside the scenario's file."""
+def ran(trace: Trace, run: int = 0) -> list[str]:
+    """Lines of a title: what ran, every mismatch, and whatever else was given beside the file."""
     scenario = trace.scenario
     law = "" if is_paper(scenario.law) else f", {scenario.law.label}"
     how = ", continuous time" if trace.continuous else ""

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, Panels, sheet, words
+from mjmerge.figures.overview import ran
+from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, End, Panels, ends, length, sheet, words
 from mjmerge.law import of_paper
 from mjmerge.roster import colour
 from mjmerge.simulation.trace import Trace
@@ -57,9 +58,9 @@ def opinion(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> Fi
     top.set_ylim(-0.01, 0.235)
     bottom.set_ylabel("lateral position $\\eta^\\top p$ (m)")
     if ideal is not None:
-        difference(panels[1], t, {"": (trace.opinion[0] - ideal.opinion[0], OPINION)}, "$\\Delta z$", 1, "")
+        difference(panels[1], t, {"": (trace.opinion[0] - ideal.opinion[0], OPINION)}, "$\\Delta z$", "")
         off = trace.front_m[0, :, 0, 1] - ideal.front_m[0, :, 0, 1]
-        difference(panels[3], t, {"": (off, COLOURS["ego"])}, "$\\Delta\\eta^\\top p$", 1e3, "mm")
+        difference(panels[3], t, {"": (off, COLOURS["ego"])}, "$\\Delta\\eta^\\top p$", "m")
     panels[-1].set_xlabel("time $t$ (s)")
     top.legend(loc="lower right", frameon=False)
     bottom.legend(loc="upper right", frameon=False)
@@ -106,7 +107,7 @@ def distances(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> 
     if ideal is not None:
         off = trace.distance_m[0] - ideal.distance_m[0]
         lines = {f"$d_{j + 1}$": (off[:, j], colour(car)) for j, car in enumerate(trace.roster.neighbours)}
-        difference(panels[1], t, lines, "$\\Delta d_j$", 1e3, "mm")
+        difference(panels[1], t, lines, "$\\Delta d_j$", "m")
     panels[-1].set_xlabel("time $t$ (s)")
     top.legend(loc="upper right", frameon=False, ncols=1 if ideal is None else 2)
     return figure
@@ -137,8 +138,7 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None)
         lateral.plot(trace.time_s, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], label=label, **how)
     for trace, how in zip((a, b), style, strict=True):
         for j, car in enumerate(trace.roster.neighbours):
-            name = f"$d_{j + 1}$ to {_name(car)}" if trace is b else None
-            distance.plot(trace.time_s, trace.distance_m[0, :, j], color=colour(car), label=name, **how)
+            distance.plot(trace.time_s, trace.distance_m[0, :, j], color=colour(car), **how)
     opinion.set_ylabel("opinion $z$" if with_z else "command along (m/s²)")
     lateral.set_ylabel("ego's $\\eta^\\top p$ (m)")
     distance.set_ylabel("distance $d_j$ (m)")
@@ -146,10 +146,15 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None)
     both = min((a.roster, b.roster), key=lambda there: len(there.cars)).neighbours
     off = b.distance_m[0, in_b, : len(both)] - a.distance_m[0, in_a, : len(both)]
     lines = {f"$d_{j + 1}$": (off[:, j], colour(car)) for j, car in enumerate(both)}
-    difference(apart, a.time_s[in_a], lines, "$\\Delta d_j$", 1e3, "mm")
+    difference(apart, a.time_s[in_a], lines, "$\\Delta d_j$", "m")
     apart.set_xlabel("time $t$ (s)")
-    for panel in (opinion, distance):
-        panel.legend(loc="upper right", frameon=False)
+    ends(lateral, [End("ego", b.front_m[0, :, 0, 1], COLOURS["ego"])])
+    each = enumerate(b.roster.neighbours)
+    ends(distance, [End(f"$d_{{{j + 1}}}$", b.distance_m[0, :, j], colour(car)) for j, car in each])
+    if axes is None:
+        said = [f"{one}: {'; '.join(ran(trace))}" for one, trace in zip("AB", (a, b), strict=True)]
+        figure.suptitle("\n".join(said), x=0.01, ha="left", fontsize=9, wrap=True)
+    opinion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, ncols=2, borderaxespad=0.2)
     return figure
 
 
@@ -165,19 +170,24 @@ def _draw_distances(axes: Axes, trace: Trace, run: int, of: str = "", **style: A
     axes.set_ylabel("distance $d_j$ (m)")
 
 
-def difference(
-    axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str]], of: str, scale: float, unit: str
-) -> None:
-    """A panel of differences, and the largest in words."""
-    for name, (values, own) in lines.items():
-        axes.plot(t, scale * values, color=own, linewidth=1, label=name or None)
-    largest = max(np.nanmax(np.abs(values)) for values, _ in lines.values()) * scale
-    axes.set_ylabel(f"{of} ({unit})" if unit else of)
-    axes.text(
-        0.99, 0.93, f"at most {largest:.3g} {unit}".strip(), transform=axes.transAxes, ha="right", va="top"
-    )
-    if len(lines) > 1:
-        axes.legend(loc="lower right", frameon=False, ncols=2, fontsize=9)
+def difference(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str]], of: str, unit: str) -> None:
+    """A panel of differences, and the largest in words; of lengths in mm where all are small.
+
+    Args:
+        axes: the panel.
+        t: times, s, (T,).
+        lines: each difference by its name, (T,), and its colour.
+        of: of what.
+        unit: ``m``, or none.
+    """
+    largest = max(np.nanmax(np.abs(values)) for values, _ in lines.values())
+    said = length(largest) if unit == "m" else f"{largest:.3g}"
+    scale = 1e3 if said.endswith(" mm") else 1.0
+    for values, own in lines.values():
+        axes.plot(t, scale * values, color=own, linewidth=1)
+    axes.set_ylabel(f"{of} ({said.split()[1]})" if unit else of)
+    axes.set_title(f"at most {said}", loc="right", fontsize=9, pad=3)
+    ends(axes, [End(name, scale * values, own) for name, (values, own) in lines.items() if name])
 
 
 def _shade_closing(axes: Axes, trace: Trace, label: str | None = None) -> None:

@@ -36,6 +36,8 @@ LINE = "#c00000"
 
 
 _DPI = 110
+_SMALL_M = 0.1
+"""A shorter length is said in millimetres."""
 _LINE_PT = 11
 """Of a text at the end of a curve, from one line to the next, points."""
 
@@ -135,6 +137,19 @@ def apart(at: Sequence[float], gap: float) -> list[float]:
         found[i] = min(found[i], top)
         top = found[i] - gap
     return found
+
+
+def length(value_m: float, digits: int = 3, sign: str = "-") -> str:
+    """A length in the unit that a person would use: mm below a tenth of a metre, else m.
+
+    Args:
+        value_m: m.
+        digits: significant ones.
+        sign: as of format specifications: ``"+"`` to have it in any case.
+    """
+    scaled, unit = (1e3 * value_m, "mm") if abs(value_m) < _SMALL_M else (value_m, "m")
+    whole = len(f"{abs(scaled):.0f}") if abs(scaled) >= 1 else 0
+    return f"{scaled:{sign}.{max(0, digits - whole)}f} {unit}"
 
 
 def save(figure: Figure, path: Path, ending: str = "") -> None:

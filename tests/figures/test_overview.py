@@ -12,7 +12,7 @@ from matplotlib.colors import to_hex
 
 import mjmerge
 from mjmerge.figures.overview import overview
-from mjmerge.figures.style import apart
+from mjmerge.figures.style import apart, length
 from mjmerge.roster import colour
 from mjmerge.verdict.judge import judge
 
@@ -101,3 +101,14 @@ def test_names_are_a_line_apart_in_the_order_of_their_curves_and_within_the_pane
     assert min(found) >= min(0.0, 1 - gap * (len(at) - 1)) - 1e-12
     if all(b - a >= gap for a, b in pairwise(sorted(at))):
         assert found == at, "nothing moves that need not"
+
+
+@given(st.floats(-1e4, 1e4))
+def test_a_length_is_in_the_unit_of_a_person_and_right_to_its_digits(value_m):
+    said = length(value_m)
+    number, unit = said.split()
+    back_m = float(number) * {"mm": 1e-3, "m": 1.0}[unit]
+    assert (unit == "mm") == (abs(value_m) < 0.1)
+    assert abs(back_m - value_m) <= max(0.006 * abs(value_m), 0.6e-5)
+    assert "e" not in number
+    assert length(value_m, sign="+").lstrip("+") == said
