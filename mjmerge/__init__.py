@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mjmerge.errors import MjmergeError
+    from mjmerge.review.opened import read
     from mjmerge.scenario.load import load
     from mjmerge.scenario.schema import Scenario
     from mjmerge.simulation.loop import simulate
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from mjmerge.verdict.judge import Verdict, judge
     from mjmerge.verdict.metrics import events
 
-__all__ = ["MjmergeError", "Scenario", "Trace", "Verdict", "events", "judge", "load", "simulate"]
+__all__ = ["MjmergeError", "Scenario", "Trace", "Verdict", "events", "judge", "load", "read", "simulate"]
 
 _PLACES = {
     "MjmergeError": "errors",
@@ -31,6 +32,7 @@ _PLACES = {
     "events": "verdict.metrics",
     "judge": "verdict.judge",
     "load": "scenario.load",
+    "read": "review.opened",
     "simulate": "simulation.loop",
 }
 """Where each name is, which is imported when it is asked for: importing takes its time."""

@@ -114,3 +114,8 @@ def paint(car: str) -> tuple[float, float, float]:
     if car in PAINT:
         return PAINT[car]
     return _FURTHER[((slot(car) or 0) - len(PAINT) + 1) % len(_FURTHER)]
+
+
+def colour(car: str) -> str:
+    """The same as figures and pages want it."""
+    return "#" + "".join(f"{round(255 * c):02x}" for c in paint(car))

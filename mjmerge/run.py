@@ -16,7 +16,8 @@ from mjmerge.config import shipped
 from mjmerge.config.bounds import check_runs
 from mjmerge.config.doors import DoorError
 from mjmerge.errors import MjmergeError, OutputError
-from mjmerge.figures.runs import figure
+from mjmerge.figures.overview import overview
+from mjmerge.figures.style import save
 from mjmerge.outputs import prepare, put
 from mjmerge.plant import check
 from mjmerge.record import FORMATS, Factory, Header, Keep, Outcome, Recording, open_rrd, versions
@@ -30,14 +31,14 @@ from mjmerge.search.explain import Explanation, as_json
 from mjmerge.search.explain import explain as explain_
 from mjmerge.search.margin import margin
 from mjmerge.simulation.loop import simulate
-from mjmerge.simulation.trace import Trace
+from mjmerge.simulation.trace import Trace, worst_run
 from mjmerge.state import Array
 from mjmerge.vehicle.acceptance import Acceptance, acceptance
 from mjmerge.verdict import own
 from mjmerge.verdict.judge import Verdict, judge
 from mjmerge.verdict.metrics import events
 from mjmerge.verdict.phases import phases
-from mjmerge.verdict.summary import ends_s, ground, summary, worst_run
+from mjmerge.verdict.summary import ends_s, ground, summary
 
 if TYPE_CHECKING:
     from mjmerge.record.rerun.live import Live
@@ -149,20 +150,21 @@ def run(
         from mjmerge.world.compose import build  # physics takes its time to import
 
         world = build(scenario)
+    text = dump(scenario) if shown or folder is not None else ""
     replaced = prepare(folder, replace, FILES) if folder is not None else False
     recording = None
     if folder is not None:
-        put(folder / "scenario.yaml", dump(scenario))
+        put(folder / "scenario.yaml", text)
         if plant == "mujoco" and world is not None:
             put(folder / "world.xml", world.xml)
         if record and runs == 1:
             assert world is not None, "a recording shows the world"
-            recording = Recording(folder, _header(scenario, plant, seed, world, continuous), FORMATS)
+            recording = Recording(folder, _header(scenario, text, plant, seed, world, continuous), FORMATS)
 
     viewer = None
     if live is not None:
         assert world is not None, "a live view shows the world"
-        viewer = live(_header(scenario, plant, seed, world, continuous))
+        viewer = live(_header(scenario, text, plant, seed, world, continuous))
 
     began = time.perf_counter()
     with recording or nullcontext(), viewer or nullcontext():
@@ -204,7 +206,7 @@ def run(
             assert world is not None, "a recording shows the world"
             failures += _record_selected(folder, trace, verdicts, metrics, world, why)
         try:  # the run is over, and its verdict is worth as much without them
-            figure(trace, folder / "figure.png", worst)
+            save(overview(trace, worst, verdict=verdicts[worst]), folder / "figure.png")
             if why is not None:
                 put(folder / EXPLANATION, json.dumps(as_json(why), indent=2) + "\n")
             put(folder / "summary.json", json.dumps(found, indent=2) + "\n")
@@ -243,10 +245,10 @@ def _ground(scenario: Scenario, plant: str, found: Mapping[str, Any], continuous
     return ground(scenario, plant, known, found, continuous=continuous)
 
 
-def _header(scenario: Scenario, plant: str, seed: int, world: World, continuous: bool) -> Header:
+def _header(scenario: Scenario, text: str, plant: str, seed: int, world: World, continuous: bool) -> Header:
     return Header(
         scenario=scenario,
-        scenario_yaml=dump(scenario),
+        scenario_yaml=text,
         plant=plant,
         seed=seed,
         model=world.model,
@@ -313,7 +315,7 @@ def _record_again(
     why: Explanation | None,
 ) -> list[str]:
     scenario, seed = trace.scenario, int(trace.seeds[run])
-    header = _header(scenario, trace.plant, seed, world, trace.continuous)
+    header = _header(scenario, dump(scenario), trace.plant, seed, world, trace.continuous)
     with Recording(folder, header, formats) as recording:
         alone = simulate(
             scenario, trace.plant, seed=seed, world=world, sink=recording, continuous=trace.continuous
@@ -331,7 +333,7 @@ def _side(trace: Trace, plant: str, seed: int, world: World) -> ShownSide:
 
     scenario = trace.scenario
     continuous = trace.continuous and plant != "mujoco"
-    header = _header(scenario, plant, seed, world, continuous)
+    header = _header(scenario, dump(scenario), plant, seed, world, continuous)
     keep = Keep(header)
     alone = simulate(scenario, plant, seed=seed, world=world, sink=keep, continuous=continuous)
     (verdict,) = judge(alone)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, OPINION, colour
+from mjmerge.figures.style import COLOURS, LINE, OPINION
 from mjmerge.outputs import written
+from mjmerge.roster import colour
 from mjmerge.scenario.cars import car_sheets
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array

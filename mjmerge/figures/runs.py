@@ -1,4 +1,4 @@
-"""Figures of traces, as the paper draws them: functions from traces to matplotlib figures, and to files.
+"""Figures of traces, as the paper draws them: functions from traces to matplotlib figures, or into axes.
 
 A figure of one run, or of a run beside the ideal one: then the ideal is a broad pale line below, and a panel
 shows the difference. Lengths in m, time in s; nothing here opens a window.
@@ -7,71 +7,39 @@ shows the difference. Lengths in m, time in s; nothing here opens a window.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, colour, save, sheet, words
-from mjmerge.law import is_paper, of_paper
+from mjmerge.figures.overview import ran
+from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, End, Panels, ends, length, sheet, words
+from mjmerge.law import of_paper
+from mjmerge.roster import colour
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
-from mjmerge.verdict.metrics import chosen_anew, shared_ticks
-
-if TYPE_CHECKING:
-    pass
+from mjmerge.verdict.metrics import shared_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-_FEW = 3
-"""Neighbours whose names have room beside their lines."""
+def opinion(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> Figure:
+    """Opinion and lateral position of the ego, with the lane of the vehicles in red; simulation 0.
 
+    Args:
+        trace: what happened.
+        ideal: the same on the plant of the proof, to be drawn beside it.
+        axes: two panels to draw into, four with the ideal, in place of a figure of its own.
 
-def overview(trace: Trace, run: int = 0) -> Figure:
-    """Opinion, lateral positions and distances of one run."""
-    figure, (opinion, lateral, distance) = sheet((1, 1, 1), 8.5)
-    t = trace.time_s
-    if not np.isnan(trace.opinion[run]).all():
-        opinion.plot(t, trace.opinion[run], color=OPINION, label="$z$")
-        opinion.plot(t, trace.mu[run], color=MU, linewidth=0.8, label="$\\mu$")
-        opinion.set_ylabel("opinion")
-    else:
-        opinion.plot(t, trace.u_mps2[run, :, 0, 0], color=OPINION, label="along")
-        opinion.plot(t, trace.u_mps2[run, :, 0, 1], color=MU, linewidth=0.8, label="across")
-        opinion.set_ylabel("command $u$ (m/s²)")
-    for c, car in enumerate(trace.roster.cars):
-        lateral.plot(t, trace.front_m[run, :, c, 1], color=colour(car), label=_name(car))
-    lateral.set_ylabel("lateral position $\\eta^\\top p$ (m)")
-    _draw_end(lateral, trace, run)
-    _draw_distances(distance, trace, run)
-    distance.set_xlabel("time (s)")
-    for axes in (opinion, lateral, distance):
-        for k in chosen_anew(trace, run):
-            axes.axvline(t[k], color=MU, linewidth=0.8, linestyle=":")
-        if len(trace.roster.neighbours) <= _FEW:
-            axes.legend(loc="upper right", frameon=False)
-        else:
-            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    _write_choices(opinion, trace, run)
-    law = "" if is_paper(trace.scenario.law) else f", {words(trace.scenario.law.label)}"
-    figure.suptitle(f"{words(trace.scenario.name)} on {trace.plant}, seed {trace.seeds[run]}{law}")
-    return figure
+    Returns:
+        The figure: its own, or that of the panels.
 
-
-def _write_choices(axes: Axes, trace: Trace, run: int) -> None:
-    """Which gap it goes for, beside the time from which it does."""
-    for k in chosen_anew(trace, run):
-        one, two = (1 + int(np.broadcast_to(j, trace.front_m.shape[:2])[run, k]) for j in trace.two)
-        where, text = (trace.time_s[k], 0.98), f" between {one} and {two}"
-        axes.text(*where, text, transform=axes.get_xaxis_transform(), rotation=90, va="top", fontsize=8)
-
-
-def opinion(trace: Trace, ideal: Trace | None = None) -> Figure:
-    """Opinion and lateral position of the ego, with the lane of the vehicles in red; simulation 0."""
-    figure, panels = sheet((3, 3) if ideal is None else (3, 1, 3, 1), 5.4 if ideal is None else 7.2)
+    Raises:
+        MjmergeError: it is another number of panels.
+    """
+    heights, height_in = ((3, 3), 5.4) if ideal is None else ((3, 1, 3, 1), 7.2)
+    figure, panels = sheet(heights, height_in, axes=axes)
     top, bottom = (panels[0], panels[1]) if ideal is None else (panels[0], panels[2])
     t = trace.time_s
     _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
@@ -90,18 +58,31 @@ def opinion(trace: Trace, ideal: Trace | None = None) -> Figure:
     top.set_ylim(-0.01, 0.235)
     bottom.set_ylabel("lateral position $\\eta^\\top p$ (m)")
     if ideal is not None:
-        difference(panels[1], t, {"": (trace.opinion[0] - ideal.opinion[0], OPINION)}, "$\\Delta z$", 1, "")
+        difference(panels[1], t, {"": (trace.opinion[0] - ideal.opinion[0], OPINION)}, "$\\Delta z$", "")
         off = trace.front_m[0, :, 0, 1] - ideal.front_m[0, :, 0, 1]
-        difference(panels[3], t, {"": (off, COLOURS["ego"])}, "$\\Delta\\eta^\\top p$", 1e3, "mm")
+        difference(panels[3], t, {"": (off, COLOURS["ego"])}, "$\\Delta\\eta^\\top p$", "m")
     panels[-1].set_xlabel("time $t$ (s)")
     top.legend(loc="lower right", frameon=False)
     bottom.legend(loc="upper right", frameon=False)
     return figure
 
 
-def distances(trace: Trace, ideal: Trace | None = None) -> Figure:
-    """Every d_j, with the margin in red; simulation 0."""
-    figure, panels = sheet((3,) if ideal is None else (3, 1), 3.6 if ideal is None else 5.2)
+def distances(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> Figure:
+    """Every d_j, with the margin in red; simulation 0.
+
+    Args:
+        trace: what happened.
+        ideal: the same on the plant of the proof, to be drawn beside it.
+        axes: a panel to draw into, two with the ideal, in place of a figure of its own.
+
+    Returns:
+        The figure: its own, or that of the panels.
+
+    Raises:
+        MjmergeError: it is another number of panels.
+    """
+    heights, height_in = ((3,), 3.6) if ideal is None else ((3, 1), 5.2)
+    figure, panels = sheet(heights, height_in, axes=axes)
     top, t = panels[0], trace.time_s
     _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
     if ideal is not None:
@@ -126,15 +107,28 @@ def distances(trace: Trace, ideal: Trace | None = None) -> Figure:
     if ideal is not None:
         off = trace.distance_m[0] - ideal.distance_m[0]
         lines = {f"$d_{j + 1}$": (off[:, j], colour(car)) for j, car in enumerate(trace.roster.neighbours)}
-        difference(panels[1], t, lines, "$\\Delta d_j$", 1e3, "mm")
+        difference(panels[1], t, lines, "$\\Delta d_j$", "m")
     panels[-1].set_xlabel("time $t$ (s)")
     top.legend(loc="upper right", frameon=False, ncols=1 if ideal is None else 2)
     return figure
 
 
-def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
-    """Opinion, lateral position and distances of two runs, the first broad and pale, and how they differ."""
-    figure, (opinion, lateral, distance, apart) = sheet((2, 2, 3, 1.5), 9.6)
+def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None) -> Figure:
+    """Opinion, lateral position and distances of two runs, the first broad and pale, and how they differ.
+
+    Args:
+        a: what happened in one; simulation 0.
+        b: what happened in the other, likewise.
+        labels: what they are called.
+        axes: four panels to draw into, in place of a figure of its own.
+
+    Returns:
+        The figure: its own, or that of the panels.
+
+    Raises:
+        MjmergeError: it is another number of panels.
+    """
+    figure, (opinion, lateral, distance, apart) = sheet((2, 2, 3, 1.5), 9.6, axes=axes)
     in_a, in_b = shared_ticks(a, b)
     style: tuple[dict[str, Any], ...] = (PALE, {})
     with_z = not any(np.isnan(trace.opinion[0]).all() for trace in (a, b))
@@ -144,8 +138,7 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
         lateral.plot(trace.time_s, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], label=label, **how)
     for trace, how in zip((a, b), style, strict=True):
         for j, car in enumerate(trace.roster.neighbours):
-            name = f"$d_{j + 1}$ to {_name(car)}" if trace is b else None
-            distance.plot(trace.time_s, trace.distance_m[0, :, j], color=colour(car), label=name, **how)
+            distance.plot(trace.time_s, trace.distance_m[0, :, j], color=colour(car), **how)
     opinion.set_ylabel("opinion $z$" if with_z else "command along (m/s²)")
     lateral.set_ylabel("ego's $\\eta^\\top p$ (m)")
     distance.set_ylabel("distance $d_j$ (m)")
@@ -153,10 +146,15 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str]) -> Figure:
     both = min((a.roster, b.roster), key=lambda there: len(there.cars)).neighbours
     off = b.distance_m[0, in_b, : len(both)] - a.distance_m[0, in_a, : len(both)]
     lines = {f"$d_{j + 1}$": (off[:, j], colour(car)) for j, car in enumerate(both)}
-    difference(apart, a.time_s[in_a], lines, "$\\Delta d_j$", 1e3, "mm")
+    difference(apart, a.time_s[in_a], lines, "$\\Delta d_j$", "m")
     apart.set_xlabel("time $t$ (s)")
-    for axes in (opinion, distance):
-        axes.legend(loc="upper right", frameon=False)
+    ends(lateral, [End("ego", b.front_m[0, :, 0, 1], COLOURS["ego"])])
+    each = enumerate(b.roster.neighbours)
+    ends(distance, [End(f"$d_{{{j + 1}}}$", b.distance_m[0, :, j], colour(car)) for j, car in each])
+    if axes is None:
+        said = [f"{one}: {'; '.join(ran(trace))}" for one, trace in zip("AB", (a, b), strict=True)]
+        figure.suptitle("\n".join(said), x=0.01, ha="left", fontsize=9, wrap=True)
+    opinion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, ncols=2, borderaxespad=0.2)
     return figure
 
 
@@ -172,31 +170,24 @@ def _draw_distances(axes: Axes, trace: Trace, run: int, of: str = "", **style: A
     axes.set_ylabel("distance $d_j$ (m)")
 
 
-def _draw_end(axes: Axes, trace: Trace, run: int) -> None:
-    """Where there is no road any more beside an ego that is past the end of its lane; nothing elsewhere."""
-    ramp = trace.ramp
-    if ramp is None:
-        return
-    nose_m = trace.front_m[run, :, 0, 0] + ramp.sheet.front_overhang_m
-    edge_m, outer_m = np.full_like(nose_m, ramp.inner_m[0]), ramp.outer_m[0]
-    axes.fill_between(
-        trace.time_s, edge_m, outer_m, where=nose_m > ramp.ends_m, color="0.8", linewidth=0, label="no road"
-    )
+def difference(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str]], of: str, unit: str) -> None:
+    """A panel of differences, and the largest in words; of lengths in mm where all are small.
 
-
-def difference(
-    axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str]], of: str, scale: float, unit: str
-) -> None:
-    """A panel of differences, and the largest in words."""
-    for name, (values, own) in lines.items():
-        axes.plot(t, scale * values, color=own, linewidth=1, label=name or None)
-    largest = max(np.nanmax(np.abs(values)) for values, _ in lines.values()) * scale
-    axes.set_ylabel(f"{of} ({unit})" if unit else of)
-    axes.text(
-        0.99, 0.93, f"at most {largest:.3g} {unit}".strip(), transform=axes.transAxes, ha="right", va="top"
-    )
-    if len(lines) > 1:
-        axes.legend(loc="lower right", frameon=False, ncols=2, fontsize=9)
+    Args:
+        axes: the panel.
+        t: times, s, (T,).
+        lines: each difference by its name, (T,), and its colour.
+        of: of what.
+        unit: ``m``, or none.
+    """
+    largest = max(np.nanmax(np.abs(values)) for values, _ in lines.values())
+    said = length(largest) if unit == "m" else f"{largest:.3g}"
+    scale = 1e3 if said.endswith(" mm") else 1.0
+    for values, own in lines.values():
+        axes.plot(t, scale * values, color=own, linewidth=1)
+    axes.set_ylabel(f"{of} ({said.split()[1]})" if unit else of)
+    axes.set_title(f"at most {said}", loc="right", fontsize=9, pad=3)
+    ends(axes, [End(name, scale * values, own) for name, (values, own) in lines.items() if name])
 
 
 def _shade_closing(axes: Axes, trace: Trace, label: str | None = None) -> None:
@@ -221,8 +212,3 @@ def _vehicle(car: str) -> str:
 
 def _label(name: str, trace: Trace, ideal: Trace | None) -> str:
     return name if ideal is None else f"{name}, {trace.plant}"
-
-
-def figure(trace: Trace, path: Path, run: int = 0) -> None:
-    """Opinion, lateral position and distances over time, as the paper draws them."""
-    save(overview(trace, run), path)

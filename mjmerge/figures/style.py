@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
+from dataclasses import dataclass
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from mjmerge.errors import MjmergeError
 from mjmerge.outputs import written
-from mjmerge.roster import PAINT, paint
+from mjmerge.roster import PAINT, colour
 from mjmerge.state import Array
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-def colour(car: str) -> str:
-    """Of a car."""
-    return "#" + "".join(f"{round(255 * c):02x}" for c in paint(car))
 
 
 COLOURS = {car: colour(car) for car in PAINT}
@@ -36,6 +36,10 @@ LINE = "#c00000"
 
 
 _DPI = 110
+_SMALL_M = 0.1
+"""A shorter length is said in millimetres."""
+_LINE_PT = 11
+"""Of a text at the end of a curve, from one line to the next, points."""
 
 
 PALE: dict[str, Any] = {"linewidth": 5, "alpha": 0.3, "solid_capstyle": "butt"}
@@ -46,19 +50,106 @@ def words(text: str) -> str:
     return text.replace("$", "\\$")
 
 
-def sheet(heights: Sequence[float], height_in: float, columns: int = 1) -> tuple[Figure, Any]:
-    """An empty figure and its axes: panels of these relative heights over one time axis, or columns."""
+Panels = Any
+"""Axes of matplotlib, one for each panel; of a figure with one panel also that alone."""
+
+
+def sheet(
+    heights: Sequence[float], height_in: float, columns: int = 1, axes: Panels = None
+) -> tuple[Figure, Any]:
+    """An empty figure and its axes: panels of these relative heights over one time axis, or columns.
+
+    Args:
+        heights: of the panels, one after the other downwards.
+        height_in: of the figure, inches.
+        columns: panels beside each other.
+        axes: what to draw into, in place of a figure of its own.
+
+    Raises:
+        MjmergeError: it is another number of axes.
+    """
+    if axes is not None:
+        return _given(list(np.ravel(axes)), len(heights) * columns)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     grid = {"height_ratios": heights}
-    axes = figure.subplots(len(heights), columns, sharex=columns == 1, squeeze=False, gridspec_kw=grid)
-    for panel in axes.flat:
-        panel.grid(alpha=0.25)
-        panel.margins(x=0)
-    return figure, axes[0] if columns > 1 else axes[:, 0]
+    made = figure.subplots(len(heights), columns, sharex=columns == 1, squeeze=False, gridspec_kw=grid)
+    for panel in made.flat:
+        _dress(panel)
+    return figure, made[0] if columns > 1 else made[:, 0]
+
+
+def _given(panels: list[Any], wanted: int) -> tuple[Figure, Any]:
+    """Axes to draw into that somebody has made already, and the figure that they are in."""
+    if len(panels) != wanted:
+        raise MjmergeError(f"this figure has {wanted} panels: pass as many axes, got {len(panels)}")
+    for panel in panels:
+        _dress(panel)
+    return panels[0].figure.figure, panels  # of a part of a figure, the whole
+
+
+def _dress(panel: Axes) -> None:
+    panel.grid(alpha=0.25)
+    panel.margins(x=0)
+
+
+@dataclass(frozen=True)
+class End:
+    """What is written at the right end of a curve.
+
+    Attributes:
+        label: the text.
+        values: of the curve, one for each time; NaN where it has none.
+        own: its colour.
+    """
+
+    label: str
+    values: Array
+    own: str
+
+
+def ends(axes: Axes, each: Sequence[End]) -> None:
+    """Names curves at their right ends, moved apart where they would cover each other."""
+    shown = [(end, end.values[np.isfinite(end.values)]) for end in each]
+    low, high = axes.get_ylim()
+    height_pt = axes.get_window_extent().height * 72 / axes.figure.dpi
+    gap = _LINE_PT / height_pt
+    last = [(i, (v[-1] - low) / (high - low)) for i, (_, v) in enumerate(shown) if v.size]
+    for (i, _), y in zip(last, apart([y for _, y in last], gap), strict=True):
+        text, own = shown[i][0].label, shown[i][0].own
+        axes.text(1.01, y, text, transform=axes.transAxes, color=own, va="center", fontsize=9)
+
+
+def apart(at: Sequence[float], gap: float) -> list[float]:
+    """Places in their order, moved as little upwards as they must to be a gap from each other.
+
+    Those that would then be above 1 are moved down, and whatever is below them with them.
+    """
+    order = np.argsort(at, kind="stable").tolist()
+    found = [float(y) for y in at]
+    for before, i in pairwise(order):
+        found[i] = max(found[i], found[before] + gap)
+    top = 1.0
+    for i in reversed(order):
+        found[i] = min(found[i], top)
+        top = found[i] - gap
+    return found
+
+
+def length(value_m: float, digits: int = 3, sign: str = "-") -> str:
+    """A length in the unit that a person would use: mm below a tenth of a metre, else m.
+
+    Args:
+        value_m: m.
+        digits: significant ones.
+        sign: as of format specifications: ``"+"`` to have it in any case.
+    """
+    scaled, unit = (1e3 * value_m, "mm") if abs(value_m) < _SMALL_M else (value_m, "m")
+    whole = len(f"{abs(scaled):.0f}") if abs(scaled) >= 1 else 0
+    return f"{scaled:{sign}.{max(0, digits - whole)}f} {unit}"
 
 
 def save(figure: Figure, path: Path, ending: str = "") -> None:

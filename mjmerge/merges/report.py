@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjmerge.config.document import is_text
-from mjmerge.figures.style import COLOURS, LINE, colour, save, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, save, sheet, words
 from mjmerge.merges.event import GENTLE_MPS2
 from mjmerge.merges.judged import Merge, Merges, as_json
 from mjmerge.merges.margins import Margins
 from mjmerge.merges.scenario import CARS, written
 from mjmerge.outputs import put
+from mjmerge.roster import colour
 from mjmerge.state import Array
 from mjmerge.sweep.report import markdown_table
 

@@ -75,7 +75,7 @@ def bifurcation_run(found: Branches, trace: Trace, ideal: Trace) -> Figure:
         "$\\mu$": (trace.mu[0] - ideal.mu[0], MU),
         "$z$": (trace.opinion[0] - ideal.opinion[0], OPINION),
     }
-    difference(course, t, lines, f"{trace.plant} less ideal", 1, "")
+    difference(course, t, lines, f"{trace.plant} less ideal", "")
     course.set_xlabel("time $t$ (s)")
     return figure
 

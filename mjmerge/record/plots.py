@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from mjmerge.config.acts import BODIES, EVERY
+from mjmerge.config.acts import WHEELS as STEERING
 from mjmerge.law import is_paper
 from mjmerge.record.schema import LAW_TOPIC, SIGNAL_TOPIC, car_topic
 from mjmerge.roster import WHEELS, Roster, along
@@ -72,11 +74,13 @@ class Plot:
         name: above the plot, with the unit.
         lines: what is plotted.
         levels: what it is read against.
+        on: plants that have it; on others it would be empty.
     """
 
     name: str
     lines: tuple[Line, ...]
     levels: tuple[Level, ...] = ()
+    on: tuple[str, ...] = EVERY
 
 
 def rgb(paint: Array) -> Color:
@@ -85,12 +89,19 @@ def rgb(paint: Array) -> Color:
     return r, g, b
 
 
-def main(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
-    """What is always in sight: distances, clearance, opinion; ``paint`` is the colour of each car."""
+def main(scenario: Scenario, paint: Mapping[str, Array], plant: str = "mujoco") -> list[Plot]:
+    """What is always in sight: distances, clearance, opinion, as far as the plant has them.
+
+    Args:
+        scenario: the run's.
+        paint: colour of each car, 0 to 1.
+        plant: what moved the cars.
+    """
     floor = scenario.expect.min_distance_m.at_least
     levels = [Level("contact", _RED, 0.0)] + [Level("floor", _DARK_RED, floor)] * (floor != 0)
     around = [(j, car, rgb(paint[car])) for j, car in enumerate(scenario.roster.neighbours, start=1)]
-    return [
+    edge = [] if scenario.road.ends_m is None else [_EDGE]
+    found = [
         Plot(
             "Distance d_j of the front axles less r, m",
             tuple(Line(f"d_{j}", color, LAW_TOPIC, f"distance_m.{car}") for j, car, color in around),
@@ -100,25 +111,22 @@ def main(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
             "Clearance of the bodies, m",
             (
                 *(Line(f"to {_said(c)}", color, LAW_TOPIC, f"clearance_m.ego_{c}") for _, c, color in around),
-                *([] if scenario.road.ends_m is None else [_EDGE]),
+                *edge,
             ),
             (Level("contact", _RED, 0.0),),
+            EVERY if edge else BODIES,
         ),
         *_of_law(scenario, paint),
     ]
+    return [plot for plot in found if plant in plot.on]
 
 
 def _of_law(scenario: Scenario, paint: Mapping[str, Array]) -> Iterator[Plot]:
     """What the law has in mind: the paper's opinion, and the signals of any other."""
     if is_paper(scenario.law):
-        yield Plot(
-            "Opinion z, mu, weight w of the merge",
-            (
-                Line("z", _WHITE, LAW_TOPIC, "opinion"),
-                Line("mu", _VIOLET, LAW_TOPIC, "mu"),
-                Line("w", (255, 210, 90), LAW_TOPIC, "weight"),
-            ),
-        )
+        z, mu = Line("z", _WHITE, LAW_TOPIC, "opinion"), Line("mu", _VIOLET, LAW_TOPIC, "mu")
+        yield Plot("Opinion z and mu", (z, mu))
+        yield Plot("Weight w of the merge", (Line("w", (255, 210, 90), LAW_TOPIC, "weight"),))
     lines: list[Line] = []
     for signal in signals_of(scenario):
         called = signal.symbol
@@ -132,8 +140,8 @@ def _of_law(scenario: Scenario, paint: Mapping[str, Array]) -> Iterator[Plot]:
         yield Plot("Signals of the law", tuple(lines))
 
 
-def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
-    """What the cars are told and do, a tab each."""
+def actuation(scenario: Scenario, paint: Mapping[str, Array], plant: str = "mujoco") -> list[Plot]:
+    """What the cars are told and do, a tab each, as far as the plant has it; see :func:`main`."""
     ego, there = car_topic("ego"), scenario.roster
 
     def command(axis: str) -> tuple[Line, ...]:
@@ -144,7 +152,7 @@ def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
         return tuple(Line(_said(car), rgb(paint[car]), car_topic(car), field) for car in there.cars)
 
     wheels = zip(WHEELS, _WHEEL_COLORS, strict=True)
-    return [
+    found = [
         Plot("Command along, m/s²", command("x")),
         Plot("across", command("y")),
         Plot("Speed, m/s", cars("speed_mps")),
@@ -156,6 +164,7 @@ def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
                 Line("angle", rgb(paint["ego"]), ego, "steer_rad"),
                 Line("clipped", _RED, ego, "steer_clipped_rad"),
             ),
+            on=STEERING,
         ),
         Plot(
             "Torque, N m",
@@ -163,6 +172,7 @@ def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
                 *(Line(_said(wheel), color, ego, f"torque_n_m.{wheel}") for wheel, color in wheels),
                 Line("clipped", _RED, ego, "torque_clipped_n_m"),
             ),
+            on=STEERING,
         ),
         Plot(
             "Gap, m",
@@ -181,13 +191,15 @@ def actuation(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
                     for pair in there.pair_names[there.others]
                 ),
             ),
+            on=BODIES,
         ),
     ]
+    return [plot for plot in found if plant in plot.on]
 
 
-def everything(scenario: Scenario, paint: Mapping[str, Array]) -> list[Plot]:
-    """All plots of a run."""
-    return [*main(scenario, paint), *actuation(scenario, paint)]
+def everything(scenario: Scenario, paint: Mapping[str, Array], plant: str = "mujoco") -> list[Plot]:
+    """All plots of a run; see :func:`main`."""
+    return [*main(scenario, paint, plant), *actuation(scenario, paint, plant)]
 
 
 def levels(plots: Iterable[Plot]) -> dict[str, Level]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import reduce
 from pathlib import Path
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from mjmerge.config.document import parse
-from mjmerge.errors import ScenarioError, UnreadableError
+from mjmerge.errors import ScenarioError, UnreadableError, nearest
 from mjmerge.law import AbsentLaw
 from mjmerge.law.choice import LEADER
 from mjmerge.record import content
@@ -223,7 +224,17 @@ def recording(path: Path) -> Path:
                 return place / name
         if os.path.isdir(place):  # noqa: PTH112
             raise UnreadableError(path, "there is no recording in that folder")
-    raise UnreadableError(path, "there is no recording of that name")
+    raise UnreadableError(path, f"there is no recording of that name{_meant(path)}")
+
+
+def _meant(path: Path) -> str:
+    """What there is beside a path, or in ``runs/``, that is spelt nearly so, as the end of a message."""
+    there: set[str] = set()
+    for folder in (path.parent, Path("runs") / path.parent):
+        with suppress(OSError):
+            there |= {one.name for one in folder.iterdir()}
+    said = nearest(path.name, there)
+    return f"; {said}" if said.startswith("did") else ""
 
 
 def read(path: Path, *, wary: bool = True) -> Recorded:

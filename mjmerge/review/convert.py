@@ -1,13 +1,12 @@
 """``mjmerge convert``: a recording as one table, a row per tick, for pandas, polars and spreadsheets.
 
-Columns are the trace's, units in their names, spread over their components: ``opinion``,
-``distance_m.vehicle_1``, ``front_m.ego.x``. Numbers are as recorded, to the last bit; NaN stays NaN.
+Columns are named as in :mod:`mjmerge.simulation.frame`. Numbers are as recorded, to the last bit; NaN stays
+NaN.
 """
 
 from __future__ import annotations
 
 import json
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from mjmerge.figures.style import save_columns
 from mjmerge.outputs import whole
 from mjmerge.record import content
 from mjmerge.record.read import Recorded
+from mjmerge.simulation.frame import spread
 from mjmerge.simulation.trace import COLUMNS
 from mjmerge.state import Array
 
@@ -31,14 +31,9 @@ def flat(found: Recorded) -> dict[str, Array]:
         raise UnreadableError(
             found.path, f"no columns that this mjmerge knows (schema {found.schema_version})"
         )
-    out = {"time_s": np.ascontiguousarray(found.columns["time_s"])}
-    for column in (*COLUMNS, *content.own_columns(found.manifest)):
-        values = found.columns[column.name]
-        for index in product(*map(range, column.shape(found.roster))):
-            parts = [axis[i] for axis, i in zip(column.names(found.roster), index, strict=True)]
-            where: tuple[slice | int, ...] = (slice(None), *index)
-            out[".".join([column.name, *parts])] = np.ascontiguousarray(values[where])
-    return out
+    every = (*COLUMNS, *content.own_columns(found.manifest))
+    time_s = np.ascontiguousarray(found.columns["time_s"])
+    return {"time_s": time_s} | spread(every, found.roster, found.columns)
 
 
 def to_csv(found: Recorded, path: Path) -> None:

@@ -55,9 +55,9 @@ def write_view(mcap: Path, rrd: Path) -> None:
         raise UnreadableError(mcap, "there is not a whole tick in it")
     model = compiled(mcap, found.world_xml)
     scenario = found.scenario()
-    scene = Scene(model, scenario.r_m)
+    scene, plant = Scene(model, scenario.r_m), str(found.manifest["plant"])
     stream = new_stream(APPLICATION)
-    blueprint = layout.blueprint(scenario, scene.paint, timeline=layout.MCAP_TIME)
+    blueprint = layout.blueprint(scenario, scene.paint, plant, timeline=layout.MCAP_TIME)
     save(stream, rrd, blueprint)
     stream.send_recording_name(mcap.name)
     try:
@@ -72,7 +72,7 @@ def write_view(mcap: Path, rrd: Path) -> None:
     for entity, what in [*still_frames(scene, layout.entity), *still_arrows(scene)]:
         moves_with = rr.CoordinateFrame(frames.get(entity.rpartition("/")[0], WORLD))
         stream.log(entity, what, moves_with, static=True)
-    which = plots.everything(scenario, scene.paint)
+    which = plots.everything(scenario, scene.paint, plant)
     for entity, what in [*still_states(scenario), *still_levels(which)]:
         stream.log(entity, what, static=True)
     time = layout.MCAP_TIME

@@ -22,6 +22,7 @@ from mjmerge.config.frozen import Frozen, Further, NonNegative, PerCar, Positive
 from mjmerge.config.units import Unit, rescaled
 from mjmerge.errors import MjmergeError, Problem, ScenarioError
 from mjmerge.roster import EGO, Roster, in_order
+from mjmerge.scenario.look import html, line
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.space import Space
 from mjmerge.vehicle.datasheet import DataSheet
@@ -273,6 +274,7 @@ class Scenario(Frozen):
     _name: str = PrivateAttr(default="scenario")
     _recorded: tuple[Models, tuple[DataSheet, ...]] | None = PrivateAttr(default=None)
     _given: dict[str, str] = PrivateAttr(default_factory=dict)
+    _changes: tuple[str, ...] = PrivateAttr(default=())
     _metric_codes: tuple[Code, ...] = PrivateAttr(default=())
 
     @property
@@ -323,11 +325,19 @@ class Scenario(Frozen):
         """The same scenario with the memory that these keys were given beside its file."""
         copy = self.model_copy()
         copy._given = dict(given)
+        copy._changes = tuple(dict.fromkeys(text.removeprefix("--set ") for text in given.values()))
         return copy
 
     def settled(self) -> Scenario:
         """The same scenario as if all of it stood in its file: to be run on another plant for comparison."""
-        return self.giving({})
+        copy = self.model_copy()
+        copy._given = {}
+        return copy
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """What was given beside its file, such as ``law.k_o=0``: what a figure says of it. Not compared."""
+        return self._changes
 
     @property
     def sheets(self) -> tuple[DataSheet, ...] | None:
@@ -383,6 +393,15 @@ class Scenario(Frozen):
             problems = [Problem(e["msg"], ".".join(map(str, e["loc"]))) for e in invalid.errors()]
             raise ScenarioError(f"{self.name}, scaled by {length:g}", problems) from invalid
         return other
+
+    def __repr__(self) -> str:
+        return line(self)
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows of it."""
+        return html(self)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scenario) and self.model_dump() == other.model_dump()

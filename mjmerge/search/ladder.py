@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.errors import MjmergeError
-from mjmerge.figures.style import COLOURS, LINE, save, save_rows, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, length, save, save_rows, sheet, words
 from mjmerge.outputs import put
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch
@@ -219,14 +219,14 @@ def markdown(ladder: Ladder) -> str:
         delay_line(ladder),
         "",
         f"| rung | adds | {' | '.join(f'min d_{j} (m)' for j, _ in enumerate(each, 1))} | least (m) "
-        "| costs (mm) | verdict |",
+        "| changes by | verdict |",
         "|---" * (5 + len(each)) + "|",
     ]
     for rung in ladder.rungs:
         row = rung.row
         numbers = (_metres(row[key]) for key in (*each, "min_distance_m"))
         lines.append(
-            f"| {rung.name} | {rung.adds} | {' | '.join(numbers)} | {_cost(rung)} | {row['verdict']} |"
+            f"| {rung.name} | {rung.adds} | {' | '.join(numbers)} | {_change(rung)} | {row['verdict']} |"
         )
     idle = idle_lines(ladder)
     lines += ["", *idle, *([""] if idle else []), "![The ladder](ladder.png)", ""]
@@ -249,10 +249,10 @@ def rich_table(ladder: Ladder) -> Table:
 
     each = _each(ladder)
     heads = (f"min d_{j}" for j, _ in enumerate(each, 1))
-    grid = Table("rung", "adds", *heads, "costs (mm)", "verdict", box=None, pad_edge=False)
+    grid = Table("rung", "adds", *heads, "changes by", "verdict", box=None, pad_edge=False)
     for rung in ladder.rungs:
         numbers = (_metres(rung.row[key]) for key in each)
-        grid.add_row(rung.name, rung.adds, *numbers, _cost(rung), rung.row["verdict"])
+        grid.add_row(rung.name, rung.adds, *numbers, _change(rung), rung.row["verdict"])
     return grid
 
 
@@ -275,13 +275,13 @@ def waterfall(ladder: Ladder) -> Figure:
             top = max(now, before or now, 0)
             axes.annotate(f"{now:.3f} m", (i, top), (0, 3), textcoords="offset points", ha="center")
         if rung.cost_m is not None:
-            gain_mm = -1e3 * rung.cost_m
-            colour = COLOURS["vehicle_2" if gain_mm < 0 else "ego"]
-            steps.bar(i, gain_mm, color=colour, width=0.7)
-            up = 3 if gain_mm >= 0 else -3
+            gain_m = -rung.cost_m
+            colour = COLOURS["vehicle_2" if gain_m < 0 else "ego"]
+            steps.bar(i, gain_m, color=colour, width=0.7)
+            up = 3 if gain_m >= 0 else -3
             steps.annotate(
-                f"{gain_mm:+.1f}",
-                (i, gain_mm),
+                _change(rung),
+                (i, gain_m),
                 (0, up),
                 textcoords="offset points",
                 ha="center",
@@ -301,7 +301,7 @@ def waterfall(ladder: Ladder) -> Figure:
     steps.set_xticks(range(len(ladder.rungs)), [rung.name for rung in ladder.rungs])
     steps.set_xlim(-0.5, len(ladder.rungs) - 0.5)
     axes.set_ylabel("least $d_j$ (m)")
-    steps.set_ylabel("this step (mm)")
+    steps.set_ylabel("this step (m)")
     for panel in (axes, steps):
         panel.grid(visible=False, axis="x")
     figure.suptitle(f"{words(ladder.scenario.name)}: what is left of the margin, rung by rung")
@@ -318,5 +318,6 @@ def _metres(value: float | None) -> str:
     return "-" if value is None else f"{value:.4f}"
 
 
-def _cost(rung: Rung) -> str:
-    return "" if rung.cost_m is None else f"{1e3 * rung.cost_m:+.1f}"
+def _change(rung: Rung) -> str:
+    """What a rung gives to the least distance, or takes from it (-): the same sign in tables and figures."""
+    return "" if rung.cost_m is None else length(-rung.cost_m, sign="+")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, get_type_hints
+from typing import TYPE_CHECKING, Annotated, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,13 @@ from mjmerge.roster import PER_CAR, PER_NEIGHBOUR, PER_PAIR, PER_SENSED, WHEELS,
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.ramp import EDGE_DISTANCE, END_DISTANCE, END_RATE, Ramp
 from mjmerge.scenario.schema import Scenario
+from mjmerge.simulation.frame import frame
+from mjmerge.simulation.look import html, line
 from mjmerge.state import Array, Mask
 from mjmerge.vehicle.datasheet import DataSheet
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Meaning:
@@ -90,7 +95,7 @@ class Stop:
     crossing: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trace:
     """What happened, N simulations times T ticks. After a simulation stopped, its rows are NaN.
 
@@ -162,6 +167,27 @@ class Trace:
 
     signals: Mapping[str, Array] = field(default_factory=dict)
     """What there is only under some laws and on some roads, by name, each (N, T, ...): see :func:`own`."""
+
+    def __repr__(self) -> str:
+        return line(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows of it: least distances, and those of the worst run over time."""
+        return html(self, worst_run(self))
+
+    def frame(self, run: int = 0) -> pd.DataFrame:
+        """One of the simulations as a table, a row per tick, over ``time_s``; needs pandas.
+
+        Columns are named as in the files of ``mjmerge convert``: ``distance_m.vehicle_1``. After the
+        simulation stopped, rows are NaN.
+
+        Args:
+            run: which.
+
+        Raises:
+            MjmergeError: there is no such simulation, or no pandas.
+        """
+        return frame(self, run)
 
     def alone(self, run: int, scenario: Scenario) -> Trace:
         """One of the simulations as a trace of its own: views of this one's columns.
@@ -281,6 +307,12 @@ class Trace:
     def min_clearance_m(self) -> Array:
         """Smallest distance between bodies, pair by pair, m, (N, P); NaN where there are no bodies."""
         return _least(self.clearance_m)
+
+
+def worst_run(trace: Trace) -> int:
+    """The simulation that came closest to a neighbour, or to the edge; without data it is worse than any."""
+    least = trace.least_m.min(axis=1)
+    return int(np.argmin(np.where(np.isnan(least), -np.inf, least)))
 
 
 def check_trace(given: object) -> None:

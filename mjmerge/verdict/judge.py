@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjmerge.law import is_paper
+from mjmerge.notebook.html import facts, page
 from mjmerge.simulation.trace import Stop, Trace, check_trace
 from mjmerge.state import Array, Mask, dot
 from mjmerge.verdict.counterfactual import guarded, with_barrier_m, without_barrier_m
@@ -59,7 +60,7 @@ class Breach:
     time_s: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verdict:
     """What one simulation says about the guarantee.
 
@@ -91,6 +92,23 @@ class Verdict:
     without_barrier_m: float | None
     floor_held: bool
     ran_off: RanOff | None = None
+
+    def __repr__(self) -> str:
+        floor = "held" if self.floor_held else "BROKEN"
+        return f"<Verdict on run {self.run}: {self.verdict}: {self.reason}; safety floor {floor}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows of it."""
+        ideal_m = self.without_barrier_m
+        rows = {
+            "reason": self.reason,
+            "unsafe": "" if self.unsafe_at_s is None else f"from {self.unsafe_at_s:.2f} s on",
+            "without the barrier": "" if ideal_m is None else f"the ideal comes to {ideal_m:.3f} m",
+            "broken": ", ".join(f"'{b.hypothesis}' at {b.time_s:.2f} s" for b in self.breaches),
+            "touched": ", ".join(f"{c.a} and {c.b} at {c.time_s:.2f} s" for c in self.collisions),
+            "safety floor": "held" if self.floor_held else "BROKEN",
+        }
+        return page(f"Verdict on run {self.run}: {self.verdict}", facts(rows))
 
     def events(self) -> list[Event]:
         """The breaches as events of the run."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.trace import Trace
+from mjmerge.simulation.trace import Trace, worst_run
 from mjmerge.state import Array
 from mjmerge.vehicle.acceptance import Acceptance
 from mjmerge.verdict import own
@@ -24,12 +24,6 @@ from mjmerge.verdict.records import sentence, strays
 
 if TYPE_CHECKING:
     pass
-
-
-def worst_run(trace: Trace) -> int:
-    """The simulation that came closest to a neighbour, or to the edge; without data it is worse than any."""
-    least = trace.least_m.min(axis=1)
-    return int(np.argmin(np.where(np.isnan(least), -np.inf, least)))
 
 
 def summary(

@@ -16,15 +16,16 @@ FILE = Path(__file__).with_name("foxglove.json")
 """The layout as a file: that of the ``paper`` scenario."""
 
 
-def text(scenario: Scenario, paint: Mapping[str, Array]) -> str:
+def text(scenario: Scenario, paint: Mapping[str, Array], plant: str = "mujoco") -> str:
     """The layout as JSON.
 
     Args:
         scenario: the run's; the cameras stand at distances that suit its safety margin.
         paint: colour of each car, 0 to 1.
+        plant: what moved the cars.
     """
     r_m = scenario.r_m
-    busy = [fox.TabItem(title=p.name, content=_plot(p)) for p in plots.actuation(scenario, paint)]
+    busy = [fox.TabItem(title=p.name, content=_plot(p)) for p in plots.actuation(scenario, paint, plant)]
     left = _split(
         "column",
         (5, _scene("Chase", r_m * 5.5, 62.0, -90.0)),
@@ -34,7 +35,7 @@ def text(scenario: Scenario, paint: Mapping[str, Array]) -> str:
     )
     right = _split(
         "column",
-        *((3, _plot(p)) for p in plots.main(scenario, paint)),
+        *((3, _plot(p)) for p in plots.main(scenario, paint, plant)),
         (4, fox.TabContainer(tabs=busy)),
     )
     layout: str = fox.Layout(content=_split("row", (3, left), (2, right))).to_json()

@@ -61,7 +61,11 @@ class McapRecorder:
         run = {key: str(about[key]) for key in ("scenario", "description", "plant", "seed", "control_step_s")}
         self._writer.write_metadata("mjmerge", {"schema_version": str(SCHEMA_VERSION)} | run | CONVENTIONS)
         self._writer.write_metadata("versions", dict(header.versions))
-        self._attach("foxglove.json", "application/json", foxglove_layout.text(header.scenario, scene.paint))
+        self._attach(
+            "foxglove.json",
+            "application/json",
+            foxglove_layout.text(header.scenario, scene.paint, header.plant),
+        )
         self._drawing, self._near = scene, [0] * len(there.neighbours)
         self._scene = SceneUpdateChannel("/scene", context=self._context)
         self._scene.log(_scene_update(scene), log_time=0)

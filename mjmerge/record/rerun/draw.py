@@ -205,7 +205,7 @@ def still_life(header: Header, scene: Scene) -> Still:
         still.append((f"/run/{name}", rr.TextDocument(text, media_type=rr.MediaType.TEXT)))
     colors = [scene.paint[car] for car in scene.cars]
     still.append(("/world/trails", rr.LineStrips3D.from_fields(colors=colors, radii=[_TRAIL_R * r_m])))
-    levels = still_levels(plots.everything(header.scenario, scene.paint))
+    levels = still_levels(plots.everything(header.scenario, scene.paint, header.plant))
     return [*still, *still_arrows(scene), *still_states(header.scenario), *levels]
 
 

@@ -53,13 +53,19 @@ def state_colors(subject: str) -> list[list[int]]:
 
 
 def blueprint(
-    scenario: Scenario, paint: Mapping[str, Array], *, timeline: str = SIM_TIME, live: bool = False
+    scenario: Scenario,
+    paint: Mapping[str, Array],
+    plant: str,
+    *,
+    timeline: str = SIM_TIME,
+    live: bool = False,
 ) -> rrb.Blueprint:
     """The layout of one run.
 
     Args:
         scenario: the run's; cameras stand at distances that suit its safety margin.
         paint: colour of each car, 0 to 1.
+        plant: what moved the cars.
         timeline: ``SIM_TIME``, or ``MCAP_TIME`` for what Rerun has read itself.
         live: whether the time is that of the newest data.
     """
@@ -70,8 +76,8 @@ def blueprint(
             row_shares=[3, 2],
         ),
         rrb.Vertical(
-            *(plot_view(p) for p in plots.main(scenario, paint)),
-            rrb.Tabs(*(plot_view(p) for p in plots.actuation(scenario, paint)), active_tab=0),
+            *(plot_view(p) for p in plots.main(scenario, paint, plant)),
+            rrb.Tabs(*(plot_view(p) for p in plots.actuation(scenario, paint, plant)), active_tab=0),
         ),
         rrb.Vertical(
             rrb.Tabs(
@@ -81,7 +87,7 @@ def blueprint(
             ),
             rrb.StateTimelineView(name="Phases", origin="/phases"),
             rrb.StateTimelineView(name="Contract: the theorem's hypotheses", origin="/hypotheses"),
-            row_shares=[7, 5, 13],
+            row_shares=[12, 5, 9],
         ),
         timeline=timeline,
         live=live,

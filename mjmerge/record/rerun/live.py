@@ -131,7 +131,7 @@ def _show(source: IO[bytes], port: int) -> None:
     header: Header = pickle.load(source)
     scene = Scene(header.model, header.scenario.r_m)
     stream = new_stream(APPLICATION)
-    blueprint = layout.blueprint(header.scenario, scene.paint, live=True)
+    blueprint = layout.blueprint(header.scenario, scene.paint, header.plant, live=True)
     stream.connect_grpc(f"rerun+http://{HOST}:{port}/proxy", default_blueprint=blueprint)
     teller = Teller(stream, header, scene, still_life(header, scene))
     while True:

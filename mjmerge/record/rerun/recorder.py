@@ -65,7 +65,7 @@ class RerunRecorder:
         """Args: the file; what is known of the run; what to draw."""
         self._path, self._header = path, header
         self._teller = partial(Teller, header=header, scene=scene, still=still_life(header, scene))
-        self._blueprint = layout.blueprint(header.scenario, scene.paint)
+        self._blueprint = layout.blueprint(header.scenario, scene.paint, header.plant)
         self._posed: list[PosedBlock] = []
         self._drawn = 0
         stream = new_stream(APPLICATION)
@@ -170,7 +170,7 @@ class Teller:
         self._stream, self._header, self._scene = stream, header, scene
         self._last_m: Array | None = None
         self._near = np.full(len(header.scenario.roster.neighbours), -1)
-        self._plots = plots.everything(header.scenario, scene.paint)
+        self._plots = plots.everything(header.scenario, scene.paint, header.plant)
         self._describe()
         for entity, what in still:
             stream.log(entity, what, static=True)

@@ -15,6 +15,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mjmerge.config.acts import EVERY
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.record import plots
 from mjmerge.record.plots import Color, Line, Plot
@@ -147,7 +148,8 @@ def _tell(stream: rr.RecordingStream, told: _Told) -> None:
 def _plots(told: Sequence[_Told]) -> list[Plot]:
     """The plots of a run, with the lines of every side."""
     scenario, paint = told[-1].side.header.scenario, told[-1].scene.paint
-    wanted = [*plots.main(scenario, paint), *plots.actuation(scenario, paint)]
+    plant = max((one.side.header.plant for one in told), key=EVERY.index)
+    wanted = plots.everything(scenario, paint, plant)
     return [
         replace(plot, lines=tuple(_line(one, of) for of in plot.lines for one in told)) for plot in wanted
     ]
