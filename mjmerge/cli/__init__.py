@@ -51,6 +51,7 @@ COMMANDS = (
     "convert",
     "export",
     "schema",
+    "completion",
 )
 """In the order of the help: each a file, and in it a class of that name."""
 _BAD_INPUT, _FAILED, _TERMINATED = 2, 3, 128 + signal.SIGTERM
@@ -86,10 +87,10 @@ def _hush_libraries() -> None:
 
 def _answer(arguments: Sequence[str], interrupted: Event, terminated: Event) -> int:
     """Runs the command that the arguments ask for; returns its exit code."""
-    command: Any = None
+    asked: Any = None
     try:
-        command = _parsed(arguments)
-        return int(command())
+        asked = _parsed(arguments)
+        return int(asked())
     except SystemExit as ended:  # help, a misspelt option, SIGTERM
         if terminated.is_set():  # some libraries turn the exception into one with a code of their own
             return _TERMINATED
@@ -99,7 +100,7 @@ def _answer(arguments: Sequence[str], interrupted: Event, terminated: Event) -> 
         if terminated.is_set():
             return _TERMINATED
         if interrupted.is_set() or isinstance(error, KeyboardInterrupt):
-            kept = getattr(command, "kept", "")
+            kept = getattr(asked, "kept", "")
             _say(f"interrupted{'; ' if kept else ''}{kept}")
             return INTERRUPTED
         if isinstance(error, MjmergeError):
@@ -125,12 +126,12 @@ def _parsed(arguments: Sequence[str]) -> Any:
     """
     first = arguments[0] if arguments else ""
     if first in COMMANDS:
-        return tyro.cli(_command(first), prog=f"mjmerge {first}", args=arguments[1:])
+        return tyro.cli(command(first), prog=f"mjmerge {first}", args=arguments[1:])
     if first and not first.startswith("-"):
         raise MjmergeError(f"no command called {first!r}: {nearest(first, COMMANDS)}")
     if first == "--version":
         return _version
-    named = (Annotated[_command(name), tyro.conf.subcommand(name)] for name in COMMANDS)
+    named = (Annotated[command(name), tyro.conf.subcommand(name)] for name in COMMANDS)
     one_of: Any = Union[tuple(named)]  # noqa: UP007
     return tyro.cli(
         one_of,
@@ -145,7 +146,7 @@ def _version() -> int:
     return 0
 
 
-def _command(name: str) -> Any:
+def command(name: str) -> Any:
     """What a command is made by, from its options."""
     return getattr(import_module(f"{__name__}.{name}"), name.capitalize())
 

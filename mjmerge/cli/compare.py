@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
-from mjmerge.cli.options import Flag, unsaid
+from mjmerge.cli.options import Flag, RunPath, unsaid
 from mjmerge.cli.style import bold, plain
 
 
@@ -18,9 +16,9 @@ from mjmerge.cli.style import bold, plain
 class Compare:
     """Show two recordings side by side: a table, figure.png, and compare.rrd with both in one scene."""
 
-    a: Annotated[Path, tyro.conf.Positional]
-    """A .mcap or .rrd file, or a run folder."""
-    b: Annotated[Path, tyro.conf.Positional]
+    a: RunPath
+    """A run folder, or a .mcap or .rrd file, finished or not."""
+    b: RunPath
     """Another."""
     out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for figure and recording; by default compared, where an earlier one makes way."""

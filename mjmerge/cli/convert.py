@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
-from mjmerge.cli.options import Flag, unsaid
+from mjmerge.cli.options import Flag, RunPath, unsaid
 from mjmerge.errors import MjmergeError
 
 
@@ -16,8 +14,8 @@ from mjmerge.errors import MjmergeError
 class Convert:
     """Write a recording as a table, a row per tick, units in the column names."""
 
-    file: Annotated[Path, tyro.conf.Positional]
-    """A .mcap or .rrd file, finished or not, or a run folder."""
+    run: RunPath
+    """A run folder, or a .mcap or .rrd file, finished or not."""
     csv: Flag = False
     """Write CSV."""
     parquet: Flag = False
@@ -34,7 +32,7 @@ class Convert:
             raise MjmergeError("say what to write: --csv, --parquet or both")
         if self.csv and self.parquet and self.out is not None:
             raise MjmergeError("--out names one file: with it, choose either --csv or --parquet")
-        path = recording(self.file)
+        path = recording(self.run)
         found = read(path)
         beside = path.with_suffix("") if path.suffix == ".partial" else path
         for wanted, ending, write in ((self.csv, ".csv", to_csv), (self.parquet, ".parquet", to_parquet)):

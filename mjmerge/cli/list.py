@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from mjmerge.cli.options import Flag
+from mjmerge.cli.style import bold, plain
 from mjmerge.config import shipped
 from mjmerge.roster import PLANTS
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
 _WIDE = 1000
@@ -30,7 +32,8 @@ class List:
         Literal["all", "scenarios", "campaigns", "models", "laws", "drivers", "plants", "metrics", "axes"],
         tyro.conf.Positional,
     ] = "all"
-    """Which kind to list: a line on each, and of axes their unit, range, default, levels and plants."""
+    """Which kind to list: a line on each; of axes their unit, range, default, levels and plants; of drivers,
+    listed alone, the unit, default and meaning of each key."""
     json: Flag = False
     """Print one JSON object, by kind and name, and nothing else."""
 
@@ -50,7 +53,8 @@ class List:
         if self.json:
             print(json.dumps(listed, indent=2))
         else:
-            _show({kind: entries for kind, entries in listed.items() if entries or self.what == kind})
+            shown = {kind: entries for kind, entries in listed.items() if entries or self.what == kind}
+            _show(shown, in_full=self.what == "drivers")
         return 0
 
 
@@ -94,16 +98,19 @@ def _laws() -> dict[str, str]:
     )
 
 
-def _drivers() -> dict[str, str]:
+def _drivers() -> dict[str, dict[str, Any]]:
     from mjmerge.config.doors import installed
+    from mjmerge.config.keys import keys
     from mjmerge.drivers import kinds
     from mjmerge.drivers.outside import GROUP
 
-    def described(cls: Any) -> str:
-        return f"{_first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"
+    def told(cls: Any) -> dict[str, Any]:
+        said = f"{_first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"
+        every = {name: key._asdict() for name, key in keys(cls).items()}
+        return {"what": said, "can_lead": cls.can_lead, "keys": every}
 
-    return {name: described(cls) for name, cls in sorted(kinds().items())} | {
-        name: f"from outside: {value}" for name, value in sorted(installed(GROUP).items())
+    return {name: told(cls) for name, cls in sorted(kinds().items())} | {
+        name: {"what": f"from outside: {value}"} for name, value in sorted(installed(GROUP).items())
     }
 
 
@@ -125,22 +132,40 @@ def _first_line(text: str | None) -> str:
     return (text or "").strip().splitlines()[0]
 
 
-def _show(listed: Mapping[str, Mapping[str, Any]]) -> None:
-    """A table of each kind; where no window bounds its width, that of axes has a line for each."""
+def _show(listed: Mapping[str, Mapping[str, Any]], in_full: bool) -> None:
+    """A table of each kind; where no window bounds its width, those of axes and keys have a line for each."""
     from rich.console import Console
 
     console = Console(highlight=False)
     for kind, entries in listed.items():
-        if kind != "axes":
+        if kind == "drivers" and in_full:
+            for name, driver in entries.items():
+                console.print(f"{bold(name)}  {plain(driver['what'])}", soft_wrap=True)
+                _wide(console, _keys(driver.get("keys", {})))
+        elif kind == "drivers":
+            console.print(_lines(kind, {name: driver["what"] for name, driver in entries.items()}))
+        elif kind == "axes":
+            table, notes = _axes(changes=True)
+            if console.is_terminal and _width(console, table) > console.width:
+                table, notes = _axes(changes=False)
+                notes.append(" what each changes: in a wider window, with --json, or in docs/mismatch.md")
+            _wide(console, table)
+            for note in notes:
+                console.print(note, soft_wrap=True)
+        else:
             console.print(_lines(kind, entries))
-            continue
-        table, notes = _axes()
-        if not console.is_terminal:
-            unbounded = console.options.update(width=_WIDE)
-            console.width = max(console.width, console.measure(table, options=unbounded).maximum)
-        console.print(table)
-        for note in notes:
-            console.print(note, soft_wrap=True)
+
+
+def _wide(console: Console, table: Table) -> None:
+    """Prints a table, as wide as it is where no window bounds it."""
+    if not console.is_terminal:
+        console.width = max(console.width, _width(console, table))
+    console.print(table)
+
+
+def _width(console: Console, table: Table) -> int:
+    """How wide a table is where nothing is folded."""
+    return console.measure(table, options=console.options.update(width=_WIDE)).maximum
 
 
 def _lines(kind: str, entries: Mapping[str, str]) -> Table:
@@ -154,9 +179,31 @@ def _lines(kind: str, entries: Mapping[str, str]) -> Table:
     return grid
 
 
-def _axes() -> tuple[Table, list[str]]:
-    """The table of all axes, and what some of them need to mean anything."""
+def _keys(of: Mapping[str, Mapping[str, Any]]) -> Table:
+    """The keys of a driver: unit, default and meaning."""
     from rich.table import Table
+    from rich.text import Text
+
+    grid = Table(box=None, show_header=False)
+    grid.add_column(style="cyan", no_wrap=True)
+    for _ in ("unit", "default", "meaning"):
+        grid.add_column(overflow="fold")
+    for name, key in of.items():
+        default = "required" if key["required"] else _words(key["default"])
+        grid.add_row(Text(name), key["unit"], default, Text(key["meaning"]))
+    return grid
+
+
+def _words(default: Any) -> str:
+    if default in ("", ()):
+        return "none"
+    return "null" if default is None else f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def _axes(changes: bool) -> tuple[Table, list[str]]:
+    """The table of all axes, with what they change or without, and what some need to mean anything."""
+    from rich.table import Table
+    from rich.text import Text
 
     from mjmerge.config.acts import listed
     from mjmerge.scenario.axis import LEVEL_NAMES, SIZES
@@ -166,11 +213,13 @@ def _axes() -> tuple[Table, list[str]]:
     title = f"axes of mismatch, and their levels: {', '.join(LEVEL_NAMES)}"
     grid = Table(title=title, title_justify="left", title_style="bold", box=None)
     grid.add_column("axis", style="cyan", no_wrap=True)
-    for head in ("unit", "range", "default", *SIZES.values(), "acts on"):
+    what = ["what it changes"] if changes else []
+    for head in ("unit", "range", "default", *SIZES.values(), "acts on", *what):
         grid.add_column(head, overflow="fold")
     needs: dict[str, list[str]] = {}
     for row in rows(Mismatch):
-        grid.add_row(row.name, row.unit, row.range, row.default, *row.sizes, row.axis.plants)
+        said = [Text(row.axis.changes)] if changes else []
+        grid.add_row(row.name, row.unit, row.range, row.default, *row.sizes, row.axis.plants, *said)
         if row.axis.only:
             needs.setdefault(row.axis.only, []).append(row.name)
     return grid, [f" {listed(tuple(names))}: only {what}" for what, names in needs.items()]

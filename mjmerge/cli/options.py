@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
@@ -29,6 +30,8 @@ PlantName = Annotated[str, tyro.conf.arg(metavar=ANY_PLANT)]
 """One of the plants; another is told with the nearest."""
 ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 """Name of a shipped scenario, or the path of a YAML file."""
+RunPath = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+"""A recorded run: its folder, or a .mcap or .rrd file."""
 Overrides = Annotated[
     tuple[str, ...],
     tyro.conf.arg(name="set", metavar="KEY=VALUE", help_behavior_hint=""),

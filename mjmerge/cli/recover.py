@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
-from mjmerge.cli.options import unsaid
+from mjmerge.cli.options import RunPath, unsaid
 
 
 @dataclass(frozen=True)
 class Recover:
     """Rewrite the recording of a run that was killed as a whole file; the old one stays."""
 
-    file: Annotated[Path, tyro.conf.Positional]
-    """An unfinished .mcap or .rrd file (*.partial), or a run folder."""
+    run: RunPath
+    """A run folder, or an unfinished .mcap or .rrd file (*.partial)."""
     out: Annotated[Path | None, unsaid("FILE")] = None
     """File to write; by default run.recovered.mcap or run.recovered.rrd beside the old one."""
 
@@ -25,7 +23,7 @@ class Recover:
         from mjmerge.record.read import recording
         from mjmerge.review.recover import recover, recovered_name
 
-        path = recording(self.file)
+        path = recording(self.run)
         out = self.out or recovered_name(path)
         found = recover(path, out)
         print(f"{out}: {len(found.ticks)} ticks, up to {found.last_s:.2f} s")

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from mjmerge.cli.options import Count, Flag, at_least
+from mjmerge.cli.options import Count, Flag, RunPath, at_least
 from mjmerge.cli.progress import progress_bar
 from mjmerge.cli.style import bold
 
@@ -18,8 +14,8 @@ from mjmerge.cli.style import bold
 class Replay:
     """Run a recording's scenario again and compare bit for bit. Exit code 0: same; 1: not; 2: unreadable."""
 
-    file: Annotated[Path, tyro.conf.Positional]
-    """A .mcap or .rrd file, finished or not, or a run folder."""
+    run: RunPath
+    """A run folder, or a .mcap or .rrd file, finished or not."""
     any_code: Flag = False
     """Run drivers from outside though their code here is not what the recording carries."""
     threads: Count = 0
@@ -35,7 +31,7 @@ class Replay:
         from mjmerge.review.replay import replay
 
         at_least(0, threads=self.threads)
-        path = recording(self.file)
+        path = recording(self.run)
         with progress_bar(1.0, "replaying") as progress:
             done = replay(path, self.threads, progress, any_code=self.any_code)
         if self.json:

@@ -21,7 +21,7 @@ class Survey:
     """Number of merges for each variant."""
     seed: Count = 0
     """Seed of the first."""
-    variants: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ("literal", "gated")
+    variants: Annotated[tuple[str, ...], tyro.conf.arg(metavar="VARIANT")] = ("literal", "gated")
     """Variants of the law; see `mjmerge list laws`."""
 
     def __call__(self) -> int:

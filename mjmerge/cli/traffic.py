@@ -42,9 +42,9 @@ class Traffic:
     out: Annotated[Path | None, unsaid("DIR")] = None
     """Folder for everything; by default traffic/<file>, where an earlier one makes way."""
     export: Annotated[Path | None, unsaid("RUN")] = None
-    """Write this recording, a run folder or a .mcap or .rrd file, finished or not, and read no traffic."""
-    step_s: Annotated[float | None, unsaid("S")] = None
-    """With --export: time between two states, s, a whole multiple of the control step; by default that."""
+    """Write this recording, a run folder, or a .mcap or .rrd file, finished or not; read no traffic."""
+    step: Annotated[float | None, unsaid("SECONDS")] = None
+    """With --export: time between two states, a whole multiple of the control step; by default that."""
     json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
@@ -52,8 +52,8 @@ class Traffic:
         """Run the command; return its exit code."""
         if self.export is not None:
             return self._export(self.export)
-        if self.step_s is not None:
-            raise MjmergeError("--step-s goes with --export")
+        if self.step is not None:
+            raise MjmergeError("--step goes with --export")
         whole("--tighten", self.tighten, 0, MOST_STEPS)
         from rich.console import Console
         from rich.table import Table
@@ -109,6 +109,6 @@ class Traffic:
                 raise MjmergeError(f"--{name} is of traffic that is read: it does not go with --export")
         if self.file.suffix != ".xml":
             raise MjmergeError(f"a CommonRoad file ends with .xml, got {self.file}")
-        write(read(recording(run)), self.file, self.step_s)
+        write(read(recording(run)), self.file, self.step)
         print(json.dumps({"file": str(self.file)}) if self.json else self.file)
         return 0

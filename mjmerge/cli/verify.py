@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from mjmerge.cli.options import Flag
+from mjmerge.cli.options import Flag, RunPath
 from mjmerge.cli.style import bold
 
 
@@ -20,8 +16,8 @@ class Verify:
     Exit code 0: right; 1: something wrong; 2: unreadable.
     """
 
-    file: Annotated[Path, tyro.conf.Positional]
-    """A .mcap or .rrd file, finished or not, or a run folder."""
+    run: RunPath
+    """A run folder, or a .mcap or .rrd file, finished or not."""
     json: Flag = False
     """Print one JSON object and nothing else on standard output."""
 
@@ -32,7 +28,7 @@ class Verify:
         from mjmerge.review.folder import verify_run
         from mjmerge.review.verify import table, verify
 
-        found = verify(self.file) if self.file.is_file() else verify_run(self.file)
+        found = verify(self.run) if self.run.is_file() else verify_run(self.run)
         if self.json:
             print(json.dumps(found.as_dict()))
         else:

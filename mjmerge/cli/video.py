@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from mjmerge.cli.options import Count, unsaid
+from mjmerge.cli.options import Count, RunPath, unsaid
 from mjmerge.cli.progress import progress_bar
 from mjmerge.errors import MjmergeError
 
@@ -17,8 +17,8 @@ from mjmerge.errors import MjmergeError
 class Video:
     """Make an mp4 of a recording: the cars drawn by MuJoCo, opinion and distances beside them."""
 
-    file: Annotated[Path, tyro.conf.Positional]
-    """A .mcap or .rrd file, finished or not, or a run folder."""
+    run: RunPath
+    """A run folder, or a .mcap or .rrd file, finished or not."""
     camera: Literal["chase", "overhead"] = "chase"
     """From behind the ego, or from above."""
     speed: Annotated[float, tyro.conf.arg(metavar="FACTOR")] = 1.0
@@ -35,7 +35,7 @@ class Video:
 
         if not 0.01 <= self.speed <= 100 or not 1 <= self.fps <= 240:
             raise MjmergeError("--speed must be from 0.01 to 100, --fps from 1 to 240")
-        path = recording(self.file)
+        path = recording(self.run)
         out = self.out or (path.with_suffix("") if path.suffix == ".partial" else path).with_suffix(".mp4")
         with progress_bar(1.0, "drawing") as progress:
             backend = video(path, out, Options(self.camera, self.fps, self.speed), progress)

@@ -7,11 +7,8 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
-from mjmerge.cli.options import Flag
+from mjmerge.cli.options import Flag, RunPath
 from mjmerge.errors import UnknownNameError
 
 
@@ -19,8 +16,8 @@ from mjmerge.errors import UnknownNameError
 class View:
     """Open a recording in the Rerun viewer, which talks to nobody."""
 
-    run: Annotated[Path, tyro.conf.Positional]
-    """A run folder, or a recording in it."""
+    run: RunPath
+    """A run folder, or a .mcap or .rrd file."""
     check: Flag = False
     """Open no window: only make what the viewer would be shown, and say whether that can be."""
 

@@ -16,7 +16,10 @@ import pytest
 
 from mjmerge.cli import COMMANDS, main
 from mjmerge.config import shipped
+from mjmerge.drivers import kinds
 from mjmerge.record import FORMATS
+from mjmerge.scenario.axis import axes
+from mjmerge.scenario.mismatch import Mismatch
 
 SHORT = ["--duration", "0.5", "--plant", "double_integrator"]
 
@@ -273,7 +276,7 @@ def test_list_has_all_of_an_axis_on_a_line(capsys):
     assert code == 0
     (line,) = [line for line in out.splitlines() if line.startswith(" command_delay_s ")]
     cells = ["command_delay_s", "s", "0 to 2", "0", "0.01, 0.02, 0.1", "0.05, 0.24, 0.4", "every plant"]
-    assert re.split(r"  +", line.strip()) == cells
+    assert re.split(r"  +", line.strip()) == [*cells, axes(Mismatch)["command_delay_s"].changes]
     assert " front_stiffness and rear_stiffness: only on tyres that slip (mismatch.tyres)\n" in out
     _, out, _ = run(capsys, "list", "axes", "--json")
     patch = json.loads(out)["axes"]["patch_friction"]
@@ -284,6 +287,32 @@ def test_list_has_all_of_an_axis_on_a_line(capsys):
     }
     assert (patch["unit"], patch["default"], patch["plants"]) == ("1", None, ["mujoco"])
     assert patch["range"] == {"exclusiveMinimum": 0, "maximum": 2}
+
+
+def test_list_drivers_says_of_every_key_its_unit_default_and_meaning(capsys):
+    _, shown, _ = run(capsys, "list", "drivers")
+    _, out, _ = run(capsys, "list", "drivers", "--json")
+    listed = json.loads(out)["drivers"]
+    assert {*listed} == {*kinds()}
+    for name, cls in kinds().items():
+        told = listed[name]["keys"]
+        assert {key for key in told if "." not in key} == {*cls.model_fields} - {"kind"}
+        assert told.keys() == {*re.findall(r"^ ([\w.\[\]]+) ", of_driver(shown, name), re.MULTILINE)}
+        for key, said in told.items():
+            assert said["meaning"], f"{name}.{key} has no meaning"
+            assert said["meaning"] in of_driver(shown, name)
+    gap = listed["gap"]["keys"]
+    some = [gap[key] for key in ("moves[].start_s", "bandwidth_radps", "sway", "moves[].step")]
+    assert [key["unit"] for key in some] == ["s", "rad/s", "-", "-"]
+    assert [key["required"] for key in some] == [True, False, False, False]
+    assert [key["default"] for key in some] == [None, 3.0, None, "quintic"]
+    (line,) = [line for line in of_driver(shown, "idm").splitlines() if " exponent " in line]
+    assert re.split(r"  +", line.strip())[:3] == ["exponent", "1", "4"]
+
+
+def of_driver(shown, name):
+    """What is shown of one driver."""
+    return re.search(rf"^{name}  .*\n((?: .*\n)*)", shown, re.MULTILINE)[1]
 
 
 def test_export_prints_a_world_that_compiles(capsys):

@@ -271,7 +271,7 @@ def test_the_report_has_the_law_beside_the_human_and_every_reason(ran):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["a.xml", "--step-s", "0.1"], "--step-s goes with --export"),
+        (["a.xml", "--step", "0.1"], "--step goes with --export"),
         (["b.xml", "--export", "out", "--tighten", "2"], "--tighten is of traffic that is read"),
         (["none.xml"], "none.xml: cannot be read: No such file"),
         (["a.rrd"], "traffic is read from CommonRoad .xml"),

@@ -297,8 +297,8 @@ def test_it_is_written_whole_and_in_no_files_place(ideal, tmp_path, monkeypatch)
     ("arguments", "code", "words"),
     [
         ([], 0, "run.xml"),
-        (["--step-s", "0.1"], 0, "run.xml"),
-        (["--step-s", "0.05"], 2, "a whole multiple of the control step, 0.02 s, got 0.05 s"),
+        (["--step", "0.1"], 0, "run.xml"),
+        (["--step", "0.05"], 2, "a whole multiple of the control step, 0.02 s, got 0.05 s"),
     ],
 )
 def test_the_command_names_the_file_that_it_wrote(ideal, tmp_path, capsys, arguments, code, words):

@@ -1,0 +1,143 @@
+"""``mjmerge completion``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+import tyro
+
+from mjmerge.cli import COMMANDS, command
+from mjmerge.config import shipped
+from mjmerge.roster import PLANTS
+
+
+@dataclass(frozen=True)
+class Completion:
+    """Print what completes commands, options and names in a shell: `eval "$(mjmerge completion bash)"`."""
+
+    shell: Annotated[Literal["bash", "zsh"], tyro.conf.Positional]
+    """Which shell; the line above goes into ~/.bashrc or, with zsh in it, ~/.zshrc after compinit."""
+
+    def __call__(self) -> int:
+        """Run the command; return its exit code."""
+        if self.shell == "zsh":
+            print("autoload -U +X bashcompinit && bashcompinit")
+        print(script(), end="")
+        return 0
+
+
+@dataclass(frozen=True)
+class Option:
+    """What a command takes.
+
+    Attributes:
+        flags: how it is said; none for what stands by itself.
+        takes: what follows it, or what it is, as in the help: N, DIR, SCENARIO|RUN; empty for a switch.
+        values: all that it may be, if they are few.
+    """
+
+    flags: tuple[str, ...]
+    takes: str
+    values: tuple[str, ...] = ()
+
+
+def options(made_by: Any) -> Iterator[Option]:
+    """What a command takes, in the order of its help, see :class:`tyro.conf.arg`."""
+    hints = get_type_hints(made_by, include_extras=True)
+    for field in fields(made_by):
+        hint = hints[field.name]
+        kind, *more = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        called, takes = (_said(more, key) for key in ("name", "metavar"))
+        flag = "--" + (called or field.name).replace("_", "-")
+        if is_dataclass(kind):
+            yield from options(kind)
+        elif tyro.conf.Positional in more:
+            yield Option((), takes, _literal(kind))
+        elif kind is bool:
+            off = () if tyro.conf.FlagCreatePairsOff in more else (f"--no-{flag[2:]}",)
+            yield Option((flag, *off), "")
+        else:
+            yield Option((flag,), takes or "VALUE", _literal(kind))
+
+
+def _said(more: Iterable[object], key: str) -> str:
+    """What the markers of an option say of it."""
+    return next((value for one in more if (value := getattr(one, key, None))), "")
+
+
+def _literal(kind: Any) -> tuple[str, ...]:
+    return get_args(kind) if get_origin(kind) is Literal else ()
+
+
+def script() -> str:
+    """A function for bash that offers what may come next; where nothing is known, files."""
+    cases = []
+    for name in COMMANDS:
+        taken = list(options(command(name)))
+        after: dict[str, list[str]] = {}  # which options are followed by which words
+        for option in taken:
+            if option.flags and option.takes:
+                after.setdefault(_words(option), []).extend(f"{name}:{flag}" for flag in option.flags)
+        cases += [f'      {"|".join(said)}) offer="{words}" ;;' for words, said in after.items()]
+        flags = " ".join(flag for option in taken for flag in option.flags)
+        alone = " ".join(filter(None, (_words(option) for option in taken if not option.flags)))
+        cases.append(f'      {name}:*) flags="{flags} --help" offer="{alone}" ;;')
+    return _SCRIPT.format(commands=" ".join(COMMANDS), cases="\n".join(cases))
+
+
+def _words(option: Option) -> str:
+    """What an option may be that has a name, each after a space."""
+    parts = option.takes.split("|")
+    named = [word for part in parts if part in _NAMES for word in _NAMES[part]()]
+    return " ".join([*option.values, *named, *(part for part in parts if part in PLANTS)])
+
+
+def _laws() -> Collection[str]:
+    from mjmerge.law import kinds
+
+    return kinds()
+
+
+def _variants() -> Collection[str]:
+    from mjmerge.law import VARIANTS
+
+    return VARIANTS
+
+
+def _axes() -> Collection[str]:
+    from mjmerge.scenario.axis import axes
+    from mjmerge.scenario.mismatch import Mismatch
+
+    return [f"mismatch.{name}" for name in axes(Mismatch)]
+
+
+_NAMES: dict[str, Callable[[], Collection[str]]] = {
+    "SCENARIO": shipped.scenarios,
+    "CAMPAIGN": shipped.campaigns,
+    "MODEL": shipped.models,
+    "PLANT": lambda: PLANTS,
+    "LAW": _laws,
+    "VARIANT": _variants,
+    "AXIS": _axes,
+}
+"""What is known by a name, by the word that the help has for it."""
+
+_SCRIPT = """\
+_mjmerge() {{
+  local cur=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}} offer= flags=
+  if [ "$COMP_CWORD" -eq 1 ]; then
+    offer="{commands}" flags="--help --version"
+  else
+    case ${{COMP_WORDS[1]}}:$before in
+{cases}
+    esac
+  fi
+  case $cur in
+    -*) offer=$flags ;;
+  esac
+  COMPREPLY=($(compgen -W "$offer" -- "$cur"))
+}}
+complete -o default -F _mjmerge mjmerge
+"""

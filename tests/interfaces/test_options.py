@@ -1,0 +1,46 @@
+"""One name, one thing: what an option of one command is called and takes, it is and takes in all others."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import pytest
+
+from mjmerge.cli import COMMANDS, command
+from mjmerge.cli.completion import options
+
+OWN = {"--method"}
+"""Options that choose among what only their command has."""
+PLACES = {"DIR", "FILE"}
+"""What --out is: a folder where a command leaves several files, and else a file."""
+
+
+def taken():
+    """What every option takes, by its name and command."""
+    found = defaultdict(dict)
+    for name in COMMANDS:
+        for option in options(command(name)):
+            for flag in option.flags:
+                found[flag][name] = (option.takes, option.values, option.flags)
+    return found
+
+
+@pytest.mark.parametrize("flag", sorted(taken().keys() - OWN - {"--out"}))
+def test_an_option_takes_the_same_in_every_command(flag):
+    by_command = taken()[flag]
+    assert len({*by_command.values()}) == 1, by_command
+
+
+def test_what_comes_out_goes_to_a_folder_or_a_file_that_is_called_out():
+    assert {takes for takes, _, _ in taken()["--out"].values()} == PLACES
+    for flag, by_command in taken().items():
+        said = {takes for takes, _, _ in by_command.values()}
+        assert flag in ("--out", "--junit", "--baselines", "--from") or not said & PLACES
+
+
+def test_what_is_recorded_and_what_is_simulated_is_called_so_everywhere():
+    alone = {name: [o.takes for o in options(command(name)) if not o.flags] for name in COMMANDS}
+    recorded = ["verify", "replay", "video", "recover", "convert", "view"]
+    assert [alone[name] for name in (*recorded, "compare")] == [["RUN"]] * len(recorded) + [["RUN", "RUN"]]
+    for name in ("run", "falsify", "probability", "harden", "export"):
+        assert alone[name] == ["SCENARIO"]
