@@ -11,7 +11,7 @@ from dm_env.specs import BoundedArray
 
 from mjmerge.envs.episodes import Episodes
 from mjmerge.envs.make import Cases, cases_of, draw, merging, opposing
-from mjmerge.envs.parts import Part, places
+from mjmerge.envs.parts import Part
 from mjmerge.envs.task import Task
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
@@ -60,8 +60,7 @@ class Environment(AutoResetEnvironment):  # type: ignore[misc]  # it has no type
         return dm_env.transition(reward, seen)
 
     def _named(self, seen: Array) -> dict[str, Array]:
-        at = places(self.task.sees)
-        return {p.name: seen[s].reshape(p.shape) for p, s in zip(self.task.sees, at, strict=True)}
+        return {part.name: seen[at].reshape(part.shape) for part, at in self.task.where_seen.items()}
 
     def observation_spec(self) -> dict[str, BoundedArray]:
         """See :meth:`dm_env.Environment.observation_spec`."""

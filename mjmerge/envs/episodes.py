@@ -184,15 +184,17 @@ class Episodes:
         after = stepper.step(task.command(turn, given))
         reward = batch.score(state, stepper)
         stopped = ran & ~turn.running
-        turn.running[state.unsafe] = False
         failed = stopped | state.unsafe
+        if failed.any():
+            reward = reward + task.failed * stopped
+            turn.running[state.unsafe] = False
         if after is None:  # nothing is sensed any more
             after = _beyond(turn, stepper)
         batch.turn = after
         over = np.full(len(ran), stepper.over)
         return {
             "observation": task.observe(after),
-            "reward": reward + task.failed * stopped,
+            "reward": reward,
             "terminated": failed,
             "truncated": over & ~failed,
             **_info(state, batch.score),

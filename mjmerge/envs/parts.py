@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import prod
+from math import isnan, prod
 
 import numpy as np
 
@@ -47,10 +47,10 @@ def bounds(parts: Sequence[Part]) -> Array:
     return np.concatenate([np.full(part.size, part.most) for part in parts])
 
 
-def places(parts: Sequence[Part]) -> list[slice]:
+def places(parts: Sequence[Part]) -> dict[Part, slice]:
     """Where each part is in the vector."""
     ends = np.cumsum([part.size for part in parts]).tolist()
-    return [slice(end - part.size, end) for part, end in zip(parts, ends, strict=True)]
+    return {part: slice(end - part.size, end) for part, end in zip(parts, ends, strict=True)}
 
 
 def told(parts: Sequence[Part]) -> str:
@@ -60,17 +60,17 @@ def told(parts: Sequence[Part]) -> str:
     return head + "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def seen(parts: Sequence[Part], most: Array, turn: Turn) -> Array:
+def seen(parts: Mapping[Part, slice], most: Array, turn: Turn) -> Array:
     """The vector that an agent sees, (N, K): within its bounds, and 0 where there is no number.
 
     Args:
-        parts: of it.
+        parts: of it, and where each is in it.
         most: their :func:`bounds`.
         turn: now.
     """
     rows = len(turn.running)
     vector = np.empty((rows, len(most)))
-    for part, at in zip(parts, places(parts), strict=True):
+    for part, at in parts.items():
         assert part.read is not None
         vector[:, at] = part.read(turn).reshape(rows, -1)
     np.minimum(vector, most, out=vector)
@@ -90,17 +90,20 @@ def asked(parts: Sequence[Part], most: Array, actions: object, rows: int) -> Arr
         rows: how many agents there are, N.
 
     Raises:
-        MjmergeError: these are no numbers, not so many, or not finite.
+        MjmergeError: these are no numbers, or not so many.
     """
-    names = ", ".join(f"{part.name} {part.shape}" for part in parts)
     try:
         vector = np.asarray(actions, dtype=np.float64)
     except (TypeError, ValueError):
-        raise MjmergeError(f"an action must be numbers: {names}") from None
+        raise MjmergeError(f"an action must be numbers: {_named(parts)}") from None
     if vector.shape != (rows, len(most)):
-        raise MjmergeError(
-            f"actions have the shape {vector.shape}; they must be {(rows, len(most))}: {names}"
-        )
-    if not np.isfinite(vector).all():
-        raise MjmergeError(f"an action is not finite; it must be: {names}")
-    return np.minimum(np.maximum(vector, -most), most)
+        must = f"{(rows, len(most))}: {_named(parts)}"
+        raise MjmergeError(f"actions have the shape {vector.shape}; they must have {must}")
+    within: Array = np.minimum(np.maximum(vector, -most), most)
+    if isnan(within.sum()):
+        raise MjmergeError(f"an action is no number; it must be: {_named(parts)}")
+    return within
+
+
+def _named(parts: Sequence[Part]) -> str:
+    return ", ".join(f"{part.name} {part.shape}" for part in parts)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mjmerge.envs.parts import Part, bounds, seen
+from mjmerge.envs.parts import Part, bounds, places, seen
 from mjmerge.envs.stepper import Stepper
 from mjmerge.roster import EGO
 from mjmerge.scenario.ramp import EDGE_DISTANCE
@@ -40,7 +40,7 @@ class State:
         """That of a turn."""
         front_m = turn.cars.front_m
         distance_m = norm(front_m[:, :1] - front_m[:, 1:]) - stepper.scenario.r_m
-        unsafe: Mask = np.any(distance_m <= 0, axis=1)
+        unsafe: Mask = distance_m.min(axis=1) <= 0
         if stepper.plant == "mujoco":
             mine = slice(distance_m.shape[1])
             unsafe |= np.any(turn.cars.clearance_m[:, mine] <= 0, axis=1)
@@ -98,9 +98,14 @@ class Task(ABC):
         """Bounds of what it gives, (K,)."""
         return bounds(self.acts)
 
+    @cached_property
+    def where_seen(self) -> dict[Part, slice]:
+        """Where each part of what it sees is."""
+        return places(self.sees)
+
     def observe(self, turn: Turn) -> Array:
         """What agents see, (N, K)."""
-        return seen(self.sees, self.most_seen, turn)
+        return seen(self.where_seen, self.most_seen, turn)
 
     @abstractmethod
     def begin(self, state: State) -> Score:

@@ -96,6 +96,10 @@ class Vector(VectorEnv[Array, Array, Any]):  # type: ignore[misc]  # types are o
 
     def _tell(self, info: dict[str, Any], told: Mapping[str, Array | Mask], which: Ids) -> None:
         """Puts what there is to tell of some of them, (M, ...) each, where all have a row, (N, ...)."""
+        if len(which) == self.num_envs:
+            masks = {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in told}
+            info.update(told, **masks)
+            return
         for name, values in told.items():
             whole = info.setdefault(name, np.zeros((self.num_envs, *values.shape[1:]), values.dtype))
             whole[which] = values
@@ -112,7 +116,8 @@ class Vector(VectorEnv[Array, Array, Any]):  # type: ignore[misc]  # types are o
         seen, terminated, truncated = out.observation, out.terminated, out.truncated
         info: dict[str, Any] = {}
         went = np.flatnonzero(~before)
-        self._tell(info, {name: values[went] for name, values in out.info.items()}, went)
+        rows = slice(None) if len(went) == self.num_envs else went
+        self._tell(info, {name: values[rows] for name, values in out.info.items()}, went)
         new = np.flatnonzero(before) if self.mode is AutoresetMode.NEXT_STEP else np.array([], dtype=np.intp)
         for i, end in out.ends.items():
             if self.mode is AutoresetMode.SAME_STEP:

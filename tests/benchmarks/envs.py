@@ -2,7 +2,7 @@
 
 Steps per second of 64 environments on one batch, over those of ``simulate`` with 64 runs, on each plant; at
 least 0.9. Both in one process, one after the other, with the ego driven by the same commands. Steps alone are
-timed, and the loop alone, not what begins and ends an episode: that is in the second ratio, of whole episodes.
+timed, not what begins and ends an episode: that is in the second ratio, of whole episodes.
 """
 
 from __future__ import annotations
@@ -51,9 +51,7 @@ def main() -> None:
     print(f"load of this machine before: {load:.2f} on {os.cpu_count()} cores")
     if load > 0.5:
         print("others are at work: the ratios of quiet machines are steadier")
-    table = Table(
-        "plant", "environments", "loop, us", "step, us", "loop / step", "of whole episodes", "target"
-    )
+    table = Table("plant", "environments", "loop, us", "step, us", "loop / step", "whole episodes", "target")
     for plant, duration_s in DURATIONS_S.items():
         for runs in (1, ENVIRONMENTS):
             scenario = mjmerge.load("paper", [f"duration_s={duration_s}"])
