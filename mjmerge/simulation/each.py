@@ -15,7 +15,7 @@ from mjmerge.scenario.cars import car_sheets, equipped
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.arguments import check_scenario
-from mjmerge.simulation.loop import run
+from mjmerge.simulation.loop import run, ticks
 from mjmerge.simulation.trace import Trace
 
 SHARED = (
@@ -81,7 +81,8 @@ def simulate_each(
 
         seeds = [cases[i][0] for i in members]
         so_far = None if progress is None else _part(progress, len(found), each, len(cases))
-        log = run(each[0], each, seeds, plant, threads=threads, continuous=continuous, progress=so_far)
+        going = ticks(each[0], each, seeds, plant, threads=threads, continuous=continuous, progress=so_far)
+        log = run(going)
         found |= dict(zip(members, log.each(each), strict=True))
     return [found[i] for i in range(len(cases))]
 

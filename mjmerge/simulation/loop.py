@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Generator, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Law, Laws, Memory, Sensed, geometry
 from mjmerge.law.base import OWN_DISTANCES
 from mjmerge.law.sensed import of_each
-from mjmerge.plant import check, make
+from mjmerge.plant import Plant, check, make
 from mjmerge.scenario.cars import believed_sheets, equipped
 from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.mismatch import Mismatch
@@ -22,7 +22,7 @@ from mjmerge.simulation.arguments import check_run
 from mjmerge.simulation.log import Log, Sink
 from mjmerge.simulation.sensing import Sensing, foresight
 from mjmerge.simulation.trace import Stop, Trace
-from mjmerge.state import Array, Cars, Controls
+from mjmerge.state import Array, Cars, Controls, Mask
 from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
 
 if TYPE_CHECKING:
@@ -85,15 +85,51 @@ def simulate(
     seeds, mismatch = zip(*cases, strict=True)
     check_runs(scenario, len(cases), (min(seeds), max(seeds)), mismatch)
     each = [scenario.model_copy(update={"mismatch": truth}) for truth in mismatch]
-    log = run(
+    going = ticks(
         scenario, each, seeds, plant,
         threads=threads, world=world, sink=sink, live=live, progress=progress, continuous=continuous,
     )  # fmt: skip
-    return log.finish()
+    return run(going).finish()
+
+
+class Turn(NamedTuple):
+    """A moment at which somebody decides: in each tick the neighbours, then the ego.
+
+    Attributes:
+        time_s: simulated time, s.
+        running: which simulations still run, (N,); the loop's own: where it is made false, one ends here.
+        plant: what moves the cars.
+        cars: their motion, as it truly is.
+        log: what is written.
+        sensed: what the law sees; ``None`` as long as it is the neighbours' turn.
+        ahead: the cars as the law and the inverse are shown them, likewise.
+    """
+
+    time_s: float
+    running: Mask
+    plant: Plant
+    cars: Cars
+    log: Log
+    sensed: Sensed | None = None
+    ahead: Cars | None = None
+
+
+Ticks = Generator[Turn, Array | None, Log]
+"""Simulations that go on turn by turn. The ego's takes a command, m/s^2, (N, 2); ``None`` for the law's."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what stopped may hold anything, unrecorded
-def run(
+def run(going: Ticks) -> Log:
+    """Runs simulations to their end, the ego as its law decides."""
+    while True:
+        try:
+            next(going)
+        except StopIteration as end:
+            log: Log = end.value
+            return log
+
+
+def ticks(
     scenario: Scenario,
     each: Sequence[Scenario],
     seeds: Sequence[int],
@@ -105,8 +141,8 @@ def run(
     live: Sink | None = None,
     progress: Callable[[float], None] | None = None,
     continuous: bool = False,
-) -> Log:
-    """Runs N simulations to their end, which may differ in what :func:`alike` leaves open.
+) -> Ticks:
+    """N simulations, turn by turn, which may differ in what :func:`alike` leaves open.
 
     Args:
         scenario: what they have in common.
@@ -164,6 +200,7 @@ def run(
         cars = moving.observe()
 
         # decide: the neighbours first, then the ego, which knows what the leader intends
+        yield Turn(t, running, moving, cars, log)
         u_j = traffic.intend(cars, t)
         two = laws.two(memory)
         seen, u_1 = sense(cars, of_each(u_j, two.j_1))
@@ -174,9 +211,10 @@ def run(
             if running[one]:
                 running[one] = False
                 log.stop(Stop(one, t, names[0], why))
+        given = yield Turn(t, running, moving, cars, log, sensed, ahead)
 
         # actuate
-        u = np.concatenate([decision.u[:, None], u_j], axis=1)
+        u = np.concatenate([(decision.u if given is None else given)[:, None], u_j], axis=1)
         stands = traffic.stands(cars, t, u_j)
         controls = actuate(ahead, u, believed, law.eps_v_mps, h, feet, stands)
         foresee.told(controls)

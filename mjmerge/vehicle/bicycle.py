@@ -61,7 +61,39 @@ def inverse(
     centripetal = speed_mps * speed_mps / wheelbase_m * t
     forward = c * u_mps2[..., 0] + s * u_mps2[..., 1] + centripetal * t
     left = c * u_mps2[..., 1] - s * u_mps2[..., 0] - centripetal
-    v, slow = speed_mps, np.abs(speed_mps) < eps_v_mps
-    if slow.any():
-        v = np.where(slow, np.where(speed_mps < 0, -eps_v_mps, eps_v_mps), speed_mps)
-    return forward, (left - t * forward) / (v * (1 + t * t))  # cos^2 = 1/(1 + tan^2)
+    return forward, (left - t * forward) / (_rolling(speed_mps, eps_v_mps) * (1 + t * t))  # cos^2 = 1/(1+t^2)
+
+
+def front_acceleration(
+    a_mps2: Array,
+    omega_radps: Array,
+    heading_rad: Array,
+    speed_mps: Array,
+    steer_rad: Array,
+    wheelbase_m: Array,
+    eps_v_mps: float,
+) -> Array:
+    """The front-axle acceleration u that :func:`inverse` turns into (a, omega), m/s^2, (..., 2).
+
+    Args:
+        a_mps2: acceleration of v_r, (...,).
+        omega_radps: steering rate, (...,).
+        heading_rad: theta, (...,); it and what follows as in :func:`inverse`.
+        speed_mps: v_r, (...,).
+        steer_rad: delta, (...,).
+        wheelbase_m: L, broadcast against (...,).
+        eps_v_mps: eps_v.
+    """
+    c, s, t = np.cos(heading_rad), np.sin(heading_rad), np.tan(steer_rad)
+    centripetal = speed_mps * speed_mps / wheelbase_m * t
+    forward = a_mps2 - centripetal * t
+    left = t * a_mps2 + omega_radps * _rolling(speed_mps, eps_v_mps) * (1 + t * t) + centripetal
+    return np.stack([c * forward - s * left, s * forward + c * left], axis=-1)
+
+
+def _rolling(speed_mps: Array, eps_v_mps: float) -> Array:
+    """v_r, and sign(v_r) eps_v where it is slower than that, m/s, (...,)."""
+    slow = np.abs(speed_mps) < eps_v_mps
+    if not slow.any():
+        return speed_mps
+    return np.where(slow, np.where(speed_mps < 0, -eps_v_mps, eps_v_mps), speed_mps)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+import warnings
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ def said(name: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 def test_none_is_left_out():
     assert {path.name for path in EXAMPLES.glob("*.py")} == {
-        "dead_time.py", "many_neighbours.py", "read_a_recording.py",
+        "dead_time.py", "learn_to_merge.py", "many_neighbours.py", "read_a_recording.py",
     }  # fmt: skip
 
 
@@ -29,6 +30,14 @@ def test_dead_time_takes_the_margin_away(capsys):
     assert len(rows) == 6
     assert rows[0].endswith("held")
     assert rows[-1].endswith("assumption broken")
+
+
+def test_what_is_learned_in_a_second_beats_chance(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["learn_to_merge.py", "1"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of cma, about what it could do besides
+        rows = dict(row.split(": ") for row in said("learn_to_merge.py", capsys))
+    assert float(rows["learned"].partition(",")[0]) > float(rows["chance"]) + 1
 
 
 def test_more_and_more_neighbours(capsys):

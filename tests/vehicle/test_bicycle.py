@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge.vehicle.bicycle import derivative, front_velocity, inverse
+from mjmerge.vehicle.bicycle import derivative, front_acceleration, front_velocity, inverse
 
 L, EPS_V = 0.33, 0.1
 angle, steer = st.floats(-np.pi, np.pi), st.floats(-1.2, 1.2)
@@ -96,3 +96,21 @@ def test_a_constant_steering_angle_drives_a_circle_of_radius_l_over_tan_delta():
     for _ in range(2000):
         state = along(state, 0.0, 0.0, h)
     assert np.hypot(state[0], state[1] - radius) == pytest.approx(radius, rel=1e-5)
+
+
+@given(angle, st.floats(-20, 20), steer, command, st.floats(-3, 3))
+def test_the_acceleration_of_a_and_omega_is_the_one_that_the_inverse_takes_back_to_them(
+    theta, v, delta, u, omega
+):
+    a, state = u[0], (np.float64(theta), np.float64(v), np.float64(delta), L, EPS_V)
+    found = inverse(front_acceleration(a, omega, *state), *state)
+    assert found == pytest.approx((a, omega), rel=1e-9, abs=1e-7)
+
+
+@given(angle, rolling, steer, st.floats(-5, 5), st.floats(-3, 3))
+def test_the_front_axle_accelerates_as_a_and_omega_say(theta, v, delta, a, omega):
+    state, h = np.array([0.0, 0.0, theta, v, delta]), 1e-6 / (1 + abs(omega))
+    ahead, behind = along(state, a, omega, h), along(state, a, omega, -h)
+    found = (front_velocity(*ahead[2:]) - front_velocity(*behind[2:])) / (2 * h)
+    said = front_acceleration(a, omega, theta, np.float64(v), delta, L, EPS_V)
+    assert said == pytest.approx(found, rel=1e-4, abs=1e-3 * (1 + v * v))
