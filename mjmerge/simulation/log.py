@@ -123,7 +123,7 @@ class Log:
             running: which simulations still run, (N,).
             qpos: gives the generalised positions of simulation 0 now, (nq,), if they are needed.
         """
-        k, everyone = self._ticks, not self._stops
+        k, everyone = self._ticks, running.all()
         for name, value in row.items():
             if everyone:
                 self.columns[name][:, k] = value
@@ -176,11 +176,6 @@ class Log:
         if stop.run == 0:
             self.flush()
         self._stops.append(stop)
-
-    @property
-    def stopped(self) -> int:
-        """How many simulations have ended."""
-        return len(self._stops)
 
     def finish(self) -> Trace:
         """The trace, complete."""

@@ -195,7 +195,7 @@ def ticks(
             if running[fault.run]:
                 running[fault.run] = False
                 log.stop(Stop(fault.run, t, names[fault.car], fault.reason, fault.touched, fault.crossing))
-        if log.stopped == runs:
+        if not running.any():
             break
         cars = moving.observe()
 
