@@ -108,9 +108,10 @@ def _keys(title: str, model: Any) -> str:
     from mjmerge.scenario.load import json_schema
 
     root = json.loads(json_schema(model))
-    parts = [f"# {title}\n\n{_prose(root)}\n\n{_table(root)}"]
-    for path, name, section in _sections(root, root["$defs"], "", set()):
-        parts.append(f"## `{path}` {{ #{name} }}\n\n{_prose(section)}\n\n{_table(section)}")
+    of = root.get("$defs", {})
+    parts = [f"# {title}\n\n{_prose(root)}\n\n{_table(root, of)}"]
+    for path, name, section in _sections(root, of, "", set()):
+        parts.append(f"## `{path}` {{ #{name} }}\n\n{_prose(section)}\n\n{_table(section, of)}")
     return "\n".join(parts)
 
 
@@ -146,8 +147,8 @@ def _flat(node: Schema) -> Schema:
     }
 
 
-def _table(section: Schema) -> str:
-    """Its keys: type, default, meaning."""
+def _table(section: Schema, of: Schema) -> str:
+    """Its keys: type, default, meaning, which may be that of the section that stands there."""
     lines = ["| key | type | default | meaning |", "|---|---|---|---|"]
     keys = {**section.get("properties", {}), **section.get("patternProperties", {})}
     for key, node in keys.items():
@@ -155,7 +156,8 @@ def _table(section: Schema) -> str:
         said = "required" if key in section.get("required", ()) else f"`{default}`" if default else ""
         name = "vehicle_N" if key.startswith("^") else key
         said = "" if len(said) > 60 else said
-        lines.append(f"| `{name}` | {_type(node)} | {said} | {_prose(node).replace('|', chr(92) + '|')} |")
+        meaning = _prose(node) or _prose(of.get(node.get("$ref", "").rpartition("/")[2], {}))
+        lines.append(f"| `{name}` | {_type(node)} | {said} | {meaning.replace('|', chr(92) + '|')} |")
     return "\n".join(lines) + "\n"
 
 
