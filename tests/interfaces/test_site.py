@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import importlib.util
 import json
 import os
@@ -83,27 +84,32 @@ def test_every_key_of_a_kind_of_file_is_on_its_page(kind, capsys):
             assert " ".join(node.get("description", "").split()).replace("|", "\\|") in row[0]
 
 
+def blocks(page: str, languages: str) -> list[str]:
+    """Text of the blocks of a page, or of the README, in one of the languages."""
+    path = DOCS / page if page in KEPT else ROOT / page
+    return re.findall(rf"^```(?:{languages})\n(.*?)^```", path.read_text(encoding="utf-8"), re.S | re.M)
+
+
 LINE = re.compile(r"^(?:\$ |\.venv/bin/)?(mjmerge .+)$", re.MULTILINE)
-BLOCKS = [
-    (path.name, command)
-    for path in (ROOT / "README.md", *(DOCS / name for name in KEPT))
-    for block in re.findall(
-        r"^```(?:sh|console|bash)\n(.*?)^```", path.read_text(encoding="utf-8"), re.S | re.M
-    )
-    for command in LINE.findall(block)
-]
-"""Every command of the README and of the pages, as it stands in a block."""
 
 
-@pytest.mark.parametrize("page", sorted({page for page, _ in BLOCKS}))
+@pytest.mark.parametrize("page", ["README.md", *KEPT])
 def test_every_command_that_a_page_shows_is_one(page, monkeypatch, capsys):
     """With options that there are, and values that they take: it is read, not run."""
     for name in COMMANDS:
         monkeypatch.setattr(command_class(name), "__call__", lambda _: 0)
-    for _, command in (block for block in BLOCKS if block[0] == page):
+    for command in LINE.findall("\n".join(blocks(page, "sh|console|bash"))):
         with pytest.raises(SystemExit) as end:
             main(shlex.split(command, comments=True)[1:])
         assert end.value.code == 0, f"{command}\n{capsys.readouterr().err}"
+
+
+@pytest.mark.parametrize("page", ["README.md", *KEPT])
+def test_every_block_of_python_or_yaml_is_that(page):
+    for code in blocks(page, "python"):
+        compile(doctest.script_from_examples(code) if ">>> " in code else code, page, "exec")
+    for text in blocks(page, "yaml"):
+        assert YAML(typ="safe").load(text) is not None
 
 
 class Page(HTMLParser):
