@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import atan2, ceil, hypot
-from typing import NamedTuple
-
-from dm_control import mjcf
+from typing import TYPE_CHECKING, NamedTuple
 
 from mjmerge.config.bounds import MOST_DASHES
 from mjmerge.scenario.ramp import Ramp
 from mjmerge.scenario.schema import Scenario
+
+if TYPE_CHECKING:  # compose.py imports it, without what it warns of where there is no window
+    from dm_control import mjcf
 
 WHITE, VERGE = (0.93, 0.93, 0.9, 1), (0.27, 0.33, 0.22, 1)
 

@@ -82,3 +82,15 @@ def test_the_first_run_prints_what_the_readme_shows(capsys):
     printed = " ".join(capsys.readouterr().out.split())
     for line in shown.splitlines():
         assert " ".join(line.split()) in printed
+
+
+def test_the_lines_of_python_run_and_shapes_are_as_they_say():
+    """In 0.2 s of simulated time, of twelve."""
+    (code,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    names: dict[str, object] = {}
+    short = code.replace('"mismatch.friction=0.4"', '"mismatch.friction=0.4", "duration_s=0.2"')
+    exec(short, names)
+    shapes = re.findall(r"^trace\.(\w+)  # .*: \((.*)\)$", code, re.MULTILINE)
+    assert [name for name, _ in shapes] == ["distance_m", "opinion", "front_m"]
+    for name, shape in shapes:
+        assert str(getattr(names["trace"], name).shape) == f"({shape.replace('1201', '21')})"
