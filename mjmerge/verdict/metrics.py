@@ -125,6 +125,13 @@ def intends(trace: Trace) -> Mask:
     return means
 
 
+def turned_words(turned: float, words: str) -> str:
+    """How far a car has turned off the road, rad, in words with a place for it; of more than a turn, none."""
+    return (
+        words.format(f"{np.degrees(turned):.0f} degrees") if abs(turned) <= 2 * np.pi else "round and round"
+    )
+
+
 def turned_rad(trace: Trace) -> Array:
     """The ego's heading where it is furthest off the road, signed, rad, (N,).
 
@@ -260,8 +267,8 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
     if trace.plant != "double_integrator":
         heading = trace.heading_rad[run, :, 0]
         for start, end in spans(np.abs(heading) > TURNED_RAD):
-            furthest = np.degrees(heading[start + int(np.argmax(np.abs(heading[start:end])))])
-            text = f"drives across the road, up to {furthest:.0f} degrees off it{within(start, end)}"
+            furthest = float(heading[start + int(np.argmax(np.abs(heading[start:end])))])
+            text = f"drives across the road, {turned_words(furthest, 'up to {} off it')}{within(start, end)}"
             add(start, "warning", "ego", text)
     for j, name in enumerate(cars[1:]):
         d = trace.distance_m[run, :, j]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import degrees
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.verdict.metrics import MERGED_M, TURNED_RAD
+from mjmerge.verdict.metrics import MERGED_M, TURNED_RAD, turned_words
 from mjmerge.verdict.records import sentence
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ def table(found: dict[str, Any]) -> Table:
     turned = found["turned_rad"]
     said = f"at {seconds(merged)} (lateral error < {MERGED_M} m)" if merged is not None else "no"
     if turned is not None and abs(turned) > TURNED_RAD:
-        said += f"; it turned {degrees(turned):.0f} degrees off the road"
+        said += f"; it turned {turned_words(turned, '{} off the road')}"
     grid.add_row("merged", said)
     busy = [f"{car} {seconds(s)}" for car, s in found["saturated_s"].items() if s]
     grid.add_row("saturated", ", ".join(busy) or "never")

@@ -12,6 +12,7 @@ from mjmerge.verdict.metrics import (
     saturated,
     touching_ticks_in_margin,
     turned_rad,
+    turned_words,
 )
 
 
@@ -189,3 +190,12 @@ def test_the_margin_is_compared_with_the_bodies_tick_by_tick_and_run_by_run(make
     without_bodies = make_trace(ticks=10, runs=2, distance_m=d)
     assert not touching_ticks_in_margin(without_bodies).any()
     assert not clear_ticks_without_margin(without_bodies).any()
+
+
+@pytest.mark.parametrize("turns", [1.1, -3.0, 1e9])
+def test_of_a_car_that_spins_nobody_counts_the_degrees(turns):
+    assert turned_words(2 * np.pi * turns, "{} off the road") == "round and round"
+    assert (
+        turned_words(np.pi * np.sign(turns), "{} off the road")
+        == f"{180 * np.sign(turns):.0f} degrees off the road"
+    )
