@@ -192,7 +192,7 @@ def _draw_distances(axes: Axes, trace: Trace, run: int) -> None:
 
 
 def _metres(value: float) -> str:
-    return f"{value:.3f} m".replace("-", "\N{MINUS SIGN}")
+    return (f"{value:.3f} m" if abs(value) < 1e6 else f"{value:.3g} m").replace("-", "\N{MINUS SIGN}")
 
 
 def _draw_end(axes: Axes, trace: Trace, run: int) -> None:

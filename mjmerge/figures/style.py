@@ -38,6 +38,8 @@ LINE = "#c00000"
 _DPI = 110
 _SMALL_M = 0.1
 """A shorter length is said in millimetres."""
+_LARGE_M = 1e6
+"""One of this many metres or more has an exponent: no road is as long."""
 _LINE_PT = 11
 """Of a text at the end of a curve, from one line to the next, points."""
 
@@ -147,6 +149,8 @@ def length(value_m: float, digits: int = 3, sign: str = "-") -> str:
         digits: significant ones.
         sign: as of format specifications: ``"+"`` to have it in any case.
     """
+    if abs(value_m) >= _LARGE_M:
+        return f"{value_m:{sign}.{digits}g} m"
     scaled, unit = (1e3 * value_m, "mm") if abs(value_m) < _SMALL_M else (value_m, "m")
     whole = len(f"{abs(scaled):.0f}") if abs(scaled) >= 1 else 0
     return f"{scaled:{sign}.{max(0, digits - whole)}f} {unit}"

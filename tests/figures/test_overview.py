@@ -103,6 +103,13 @@ def test_names_are_a_line_apart_in_the_order_of_their_curves_and_within_the_pane
         assert found == at, "nothing moves that need not"
 
 
+@given(st.floats(1e6, 1e308))
+def test_a_length_that_no_road_has_is_no_longer_a_text(value_m):
+    for signed in (value_m, -value_m):
+        assert len(length(signed)) < 14
+        assert float(length(signed).split()[0]) == pytest.approx(signed, rel=0.006)
+
+
 @given(st.floats(-1e4, 1e4))
 def test_a_length_is_in_the_unit_of_a_person_and_right_to_its_digits(value_m):
     said = length(value_m)

@@ -200,7 +200,7 @@ def test_every_view_shows_something_that_exists(run: Path, header: Header) -> No
         return sum(check(child) for child in children)
 
     paint = Scene(header.model, 0.6).paint
-    assert check(blueprint(header.scenario, paint).root_container) > 8
+    assert check(blueprint(header.scenario, paint, header.plant).root_container) > 8
 
 
 def test_what_plots_are_read_against_has_its_name_and_colour(run: Path, header: Header) -> None:
