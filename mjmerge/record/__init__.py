@@ -40,6 +40,10 @@ __all__ = [
 
 def open_rrd(path: Path, header: Header, scene: Scene) -> Recorder:
     """Starts a Rerun recording."""
+    if not header.code:  # which may use pandas
+        from mjmerge.record.rerun import without_pandas
+
+        without_pandas.skip()
     from mjmerge.record.rerun.recorder import RerunRecorder
 
     return RerunRecorder(path, header, scene)

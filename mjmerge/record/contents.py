@@ -41,7 +41,7 @@ class Found:
         """Leaves no series where one is missing that every tick needs, or is there that the run has not."""
         from mjmerge.record import schema
 
-        wanted = schema.Wire.of(self.manifest).kinds(told=self.manifest.get("sensing") == "recorded")
+        wanted = schema.Wire.of(self.manifest).kinds
         if not self.series or self.series.keys() == wanted.keys():
             return
         lacks = ", ".join(sorted(wanted.keys() - self.series.keys()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -28,6 +29,8 @@ from mjmerge.verdict.phases import Phase
 
 if TYPE_CHECKING:
     import mujoco
+
+    from mjmerge.record.schema import Wire
 
 _SPARE_BYTES = 32 * 2**20
 """Recorders stop before the disk is full: a writer that hits its end can hang for good."""
@@ -83,6 +86,13 @@ class Header:
         return not (self.continuous or exact(self.scenario.mismatch))
 
     @property
+    def wire(self) -> Wire:
+        """The messages of the run."""
+        from mjmerge.record.schema import Wire  # protobuf takes its time to import
+
+        return Wire(self.scenario.roster, self.signals, self.told)
+
+    @property
     def texts(self) -> dict[str, str]:
         """What goes into a recording as text, by name, and its manifest as its fingerprint wants it."""
         return {
@@ -119,6 +129,7 @@ class PosedBlock:
     """A block of consecutive ticks, and where everything that is drawn was at some of them.
 
     Attributes:
+        wire: the messages that they become.
         block: the ticks and their columns.
         time_ns: simulated time from the tick index, ns, (B,).
         drawn: which ticks of the block are drawn, (D,).
@@ -126,18 +137,24 @@ class PosedBlock:
         quat: their orientations, w x y z, (D, F, 4).
     """
 
+    wire: Wire
     block: TickBlock
     time_ns: NDArray[np.int64]
     drawn: NDArray[np.intp]
     pos_m: Array
     quat: Array
 
+    @cached_property
+    def rows(self) -> dict[str, Array]:
+        """What goes into the messages of each topic, (B, doubles); made once, for all formats."""
+        return self.wire.rows(self.block)
 
-def pose(block: TickBlock, scene: Scene, control_step_s: float) -> PosedBlock:
+
+def pose(block: TickBlock, scene: Scene, wire: Wire, control_step_s: float) -> PosedBlock:
     """A block with what is drawn of it."""
     drawn = scene.drawn(block, control_step_s)
     time_ns = nanoseconds(block.ticks * control_step_s)
-    return PosedBlock(block, time_ns, drawn, *scene.poses(block, drawn))
+    return PosedBlock(wire, block, time_ns, drawn, *scene.poses(block, drawn))
 
 
 def join(parts: Sequence[PosedBlock]) -> PosedBlock:
@@ -152,6 +169,7 @@ def join(parts: Sequence[PosedBlock]) -> PosedBlock:
         qpos=np.empty((sum(len(p.time_ns) for p in parts), 0)),
     )
     return PosedBlock(
+        parts[0].wire,
         block,
         np.concatenate([p.time_ns for p in parts]),
         np.concatenate([start + p.drawn for start, p in zip(starts, parts, strict=True)]),
@@ -165,13 +183,13 @@ class Keep:
 
     def __init__(self, header: Header) -> None:
         """Args: what is known of the run."""
-        self._scene = Scene(header.model, header.scenario.r_m)
+        self._scene, self._wire = Scene(header.model, header.scenario.r_m), header.wire
         self._step_s = header.control_step_s
         self._parts: list[PosedBlock] = []
 
     def write(self, block: TickBlock) -> None:
         """Takes the next ticks."""
-        self._parts.append(pose(block, self._scene, self._step_s))
+        self._parts.append(pose(block, self._scene, self._wire, self._step_s))
 
     def posed(self) -> PosedBlock:
         """The whole run, as far as it came."""
@@ -215,7 +233,7 @@ class Recording:
         self._folder = folder
         self._header = header
         self._factories = factories
-        self._scene = Scene(header.model, header.scenario.r_m)
+        self._scene, self._wire = Scene(header.model, header.scenario.r_m), header.wire
         self._digest = Digest(header.texts, [c.name for c in header.columns])
         self._live: dict[str, Recorder] = {}
         self._failed: dict[str, str] = {}
@@ -235,7 +253,7 @@ class Recording:
         if not self._live:
             return
         self._digest.add(block)
-        posed = pose(block, self._scene, self._header.control_step_s)
+        posed = pose(block, self._scene, self._wire, self._header.control_step_s)
         for name, recorder in list(self._live.items()):
             self._attempt(name, self._write, recorder, posed)
 

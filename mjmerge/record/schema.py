@@ -110,21 +110,30 @@ def names_of(message: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Wire:
-    """The messages of the cars that are there, and of the law's own signals."""
+    """The messages of the cars that are there, of the law's own signals, and of what the ego was told.
+
+    Attributes:
+        roster: who is there.
+        signals: what not every run records.
+        told: whether the ego is not told the truth.
+    """
 
     roster: Roster
     signals: tuple[Column, ...] = ()
+    told: bool = False
 
     @classmethod
     def of(cls, manifest: Mapping[str, Any]) -> Wire:
         """Those of a recording, by its manifest."""
-        return cls(content.roster_of(manifest), content.own_columns(manifest))
+        told = manifest.get("sensing") == "recorded"
+        return cls(content.roster_of(manifest), content.own_columns(manifest), told)
 
-    def kinds(self, *, told: bool = True) -> dict[str, str]:
-        """The topics that carry our messages, and which; ``told`` where the ego is not told the truth."""
+    @property
+    def kinds(self) -> dict[str, str]:
+        """The topics that carry our messages, and which."""
         found = {LAW_TOPIC: LAW_MESSAGE} | {car_topic(car): CAR_MESSAGE for car in self.roster.cars}
         found |= {SIGNAL_TOPIC: SIGNAL_MESSAGE} if self.signals else {}
-        return found | {TOLD_TOPIC: TOLD_MESSAGE} if told else found
+        return found | {TOLD_TOPIC: TOLD_MESSAGE} if self.told else found
 
     @property
     def messages(self) -> dict[str, tuple[Field, ...]]:
@@ -145,16 +154,19 @@ class Wire:
                 out.double(number)
         return out
 
-    def rows(self, block: TickBlock, topic: str) -> Array:
-        """What goes into each message of a topic of a block, in the order of its layout, (B, doubles)."""
+    def rows(self, block: TickBlock) -> dict[str, Array]:
+        """What goes into the messages of each topic, in the order of its layout, (B, doubles)."""
         count, cars = len(block.ticks), self.roster.cars
-        car = next((index for index, name in enumerate(cars) if topic == car_topic(name)), None)
-        if car is None:
-            columns = {LAW_TOPIC: LAW_COLUMNS, SIGNAL_TOPIC: self.signals}.get(topic, TOLD_COLUMNS)
-            parts = [block.columns[c.name].reshape(count, -1) for c in columns]
-        else:
-            parts = [block.columns[c.name][:, car].reshape(count, -1) for c in CAR_COLUMNS]
-        return np.hstack([block.time_s[:, None], *parts])
+        time_s = block.time_s[:, None]
+
+        def flat(columns: Sequence[Column]) -> Array:
+            return np.concatenate([time_s, *(block.columns[c.name].reshape(count, -1) for c in columns)], 1)
+
+        each = [block.columns[c.name].reshape(count, len(cars), -1) for c in CAR_COLUMNS]
+        both = np.concatenate([np.broadcast_to(time_s[:, None], (count, len(cars), 1)), *each], 2)
+        found = {LAW_TOPIC: flat(LAW_COLUMNS)} | {car_topic(car): both[:, c] for c, car in enumerate(cars)}
+        found |= {SIGNAL_TOPIC: flat(self.signals)} if self.signals else {}
+        return found | {TOLD_TOPIC: flat(TOLD_COLUMNS)} if self.told else found
 
     def descriptor_set(self) -> bytes:
         """The schema as MCAP wants it: a serialised ``FileDescriptorSet``."""

@@ -89,7 +89,7 @@ def posed(found: Recorded, about: Header, scene: Scene) -> PosedBlock:
     )
     drawn = scene.drawn(block, about.control_step_s)
     pos_m, quat = poses(found, about, scene, drawn)
-    return PosedBlock(block, found.time_ns, drawn, pos_m, quat)
+    return PosedBlock(about.wire, block, found.time_ns, drawn, pos_m, quat)
 
 
 def outcome(found: Recorded, trace: Trace) -> Outcome:

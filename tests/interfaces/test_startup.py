@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field
 
 import mjmerge
 from mjmerge.cli import main
+from mjmerge.config import shipped
 from mjmerge.config.frozen import Frozen
 from mjmerge.config.meanings import meanings
 
@@ -63,6 +64,24 @@ def test_what_is_not_needed_is_not_imported(code, tmp_path):
     (tmp_path / "bad.yaml").write_text("initial: {ego: {speed_mps: fast}}\nlaw: {kind: nosuch}\n")
     too_many = after(code, tmp_path, REPORT) - MAY_LOAD[code]
     assert too_many == set()
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_a_recorded_run_leaves_pandas_out_unless_code_from_outside_may_want_it(tmp_path, outside):
+    pytest.importorskip("pandas")
+    text = shipped.scenarios()["charge"].read_text(encoding="utf-8")
+    own = "\nmetrics: ['mine.py:zero']\n" if outside else ""
+    (tmp_path / "mine.yaml").write_text(text.replace("duration_s: 12", "duration_s: 0.1") + own)
+    (tmp_path / "mine.py").write_text("def zero(trace):\n    return 0 * trace.min_distance_m[:, 0]\n")
+    run = "main(['run', 'mine.yaml', '--plant', 'bicycle', '--out', 'out'])"
+    report = """
+print("pandas" in sys.modules, file=sys.stderr)
+import pyarrow
+assert len(pyarrow.table({"a": [1.0]}).to_pandas()) == 1
+"""
+    done = after(f"sys.argv[0] = 'mjmerge'; from mjmerge.cli import main; {run}", tmp_path, report)
+    assert done == {str(outside)}
+    assert (tmp_path / "out" / "run.rrd").exists()
 
 
 def test_importing_the_package_loads_nothing_of_it_but_what_an_interrupt_does(tmp_path):

@@ -105,7 +105,7 @@ def test_the_ghost_is_the_ego_on_the_road(scene: Scene) -> None:
 def test_joined_blocks_are_the_whole_run(header: Header, make_blocks: MakeBlocks) -> None:
     blocks = make_blocks(3, 50, 1, 8)
     scene = Scene(header.model, 0.6)
-    whole = join([pose(b, scene, 0.01) for b in blocks])
+    whole = join([pose(b, scene, header.wire, 0.01) for b in blocks])
     for name, values in columns(blocks).items():
         told = whole.block.time_s if name == "time_s" else whole.block.columns[name]
         assert told.tobytes() == values.tobytes(), name

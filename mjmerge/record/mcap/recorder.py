@@ -29,6 +29,8 @@ from mjmerge.state import NS_PER_S, Array, nanoseconds
 
 WORLD = "world"
 _CHUNK_BYTES = 256 * 1024
+_COMPRESSION = 1
+"""Of zstd: half the time of its default for 5 % more bytes."""
 _LEVELS = {"info": fox.LogLevel.Info, "warning": fox.LogLevel.Warning, "error": fox.LogLevel.Error}
 
 
@@ -38,16 +40,18 @@ class McapRecorder:
     def __init__(self, path: Path, header: Header, scene: Scene) -> None:
         """Args: the file, which must not exist; what is known of the run; what to draw."""
         self._context = foxglove.Context()  # our own: the global one would mix recordings
-        options = MCAPWriteOptions(chunk_size=_CHUNK_BYTES, compression_threads=0)  # threads change the bytes
+        options = MCAPWriteOptions(
+            chunk_size=_CHUNK_BYTES,
+            compression_level=_COMPRESSION,
+            compression_threads=0,  # threads change the bytes
+        )
         self._writer = foxglove.open_mcap(path, context=self._context, writer_options=options)
         self._layouts = {"/tf": _transforms_layout(scene)}
         self._channels = {"/tf": self._channel("/tf", fox.FrameTransforms.get_schema())}
-        there = header.scenario.roster
-        self._wire = schema.Wire(there, header.signals)
-        descriptors = self._wire.descriptor_set()
-        self._kinds = self._wire.kinds(told=header.told)
-        for topic, message in self._kinds.items():
-            self._layouts[topic] = self._wire.layout(message)
+        wire = header.wire
+        descriptors = wire.descriptor_set()
+        for topic, message in wire.kinds.items():
+            self._layouts[topic] = wire.layout(message)
             name = f"{schema.PACKAGE}.{message}"
             described = foxglove.Schema(name=name, encoding="protobuf", data=descriptors)
             self._channels[topic] = self._channel(topic, described)
@@ -66,7 +70,7 @@ class McapRecorder:
             "application/json",
             foxglove_layout.text(header.scenario, scene.paint, header.plant),
         )
-        self._drawing, self._near = scene, [0] * len(there.neighbours)
+        self._drawing, self._near = scene, np.zeros(len(wire.roster.neighbours), np.int64)
         self._scene = SceneUpdateChannel("/scene", context=self._context)
         self._scene.log(_scene_update(scene), log_time=0)
 
@@ -75,8 +79,8 @@ class McapRecorder:
         self._discs(posed)
         poses = np.concatenate([posed.pos_m, np.roll(posed.quat, -1, axis=-1)], axis=-1)  # x y z w
         self._send("/tf", poses.reshape(len(poses), 7 * poses.shape[1]), posed.time_ns[posed.drawn])
-        for topic in self._kinds:
-            self._send(topic, self._wire.rows(posed.block, topic), posed.time_ns)
+        for topic, rows in posed.rows.items():
+            self._send(topic, rows, posed.time_ns)
         self._writer.flush()
 
     def _send(self, topic: str, rows: Array, time_ns: NDArray[np.int64]) -> None:
@@ -88,6 +92,8 @@ class McapRecorder:
     def _discs(self, posed: PosedBlock) -> None:
         """Draws a disc anew where its colour changes."""
         near = closeness(posed.block.columns["distance_m"][posed.drawn], self._drawing.r_m)
+        if (near == self._near).all():
+            return
         for frame in self._drawing.frames:
             if frame.neighbour is None:
                 continue
@@ -97,8 +103,7 @@ class McapRecorder:
                 drawn = _entity(replace(frame, shapes=shapes), self._drawing.label_m)
                 at = int(posed.time_ns[posed.drawn[k]])
                 self._scene.log(fox.SceneUpdate(entities=[drawn]), log_time=at)
-            if len(now):
-                self._near[frame.neighbour] = int(now[-1])
+        self._near = near[-1]
 
     def close(self, outcome: Outcome) -> None:
         """Adds the events, the phases, the verdict and the summary, and completes the file."""

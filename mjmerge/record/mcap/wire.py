@@ -8,6 +8,7 @@ times faster than building messages one by one.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,14 +99,21 @@ class Layout:
             doubles: one row per message, (B, doubles in the message).
             time_ns: goes into every time of the message, ns, (B,).
         """
-        rows = np.tile(np.frombuffer(bytes(self._wire), np.uint8), (len(doubles), 1))
+        blank, at_doubles, at_times = self._places
+        rows = np.tile(blank, (len(doubles), 1))
         if self._doubles:
             values = np.ascontiguousarray(doubles, "<f8").view(np.uint8).reshape(*doubles.shape, 8)
-            rows[:, np.add.outer(self._doubles, np.arange(8))] = values
+            rows[:, at_doubles] = values
         if self._times:
             parts = np.stack(np.divmod(time_ns, NS_PER_S), axis=-1)[..., None]
             digits = parts >> (7 * np.arange(_WIDTH)) & 0x7F
             digits[..., :-1] |= 0x80
-            repeats = len(self._times) // 2
-            rows[:, np.add.outer(self._times, np.arange(_WIDTH))] = np.tile(digits, (1, repeats, 1))
-        return [row.tobytes() for row in rows]
+            rows[:, at_times] = np.tile(digits, (1, len(self._times) // 2, 1))
+        data, size = rows.tobytes(), rows.shape[1]
+        return [data[at : at + size] for at in range(0, len(data), size)]
+
+    @cached_property
+    def _places(self) -> tuple[NDArray[np.uint8], NDArray[np.intp], NDArray[np.intp]]:
+        """The message with nothing filled in; where the bytes of doubles go, and of the numbers of times."""
+        blank = np.frombuffer(bytes(self._wire), np.uint8)
+        return blank, np.add.outer(self._doubles, np.arange(8)), np.add.outer(self._times, np.arange(_WIDTH))

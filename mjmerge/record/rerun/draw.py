@@ -13,7 +13,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from mjmerge.record import plots, schema
+from mjmerge.record import plots
 from mjmerge.record.plots import Plot
 from mjmerge.record.recording import Header, PosedBlock
 from mjmerge.record.rerun import arrow, layout
@@ -36,19 +36,17 @@ _ARROW = Template(rr.Arrows3D.columns(vectors=_POINT))
 _CYLINDER_COLOR = Template(rr.Cylinders3D.columns(colors=[0]))
 
 
-def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, header: Header, root: str = "") -> None:
+def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, root: str = "") -> None:
     """Sends every column at consecutive ticks.
 
     Args:
         stream: where to.
         posed: the ticks.
-        header: of the run; where what the ego was told is not the truth, that is sent, too.
         root: where the topics go.
     """
     times = times_of(posed.time_ns)
-    wire = schema.Wire(header.scenario.roster, header.signals)
-    for topic, message in wire.kinds(told=header.told).items():
-        numbers: Any = arrow.structs(wire, message, wire.rows(posed.block, topic))
+    for topic, message in posed.wire.kinds.items():
+        numbers: Any = arrow.structs(posed.wire, message, posed.rows[topic])
         stream.send_columns(root + topic, times, numbers)
 
 

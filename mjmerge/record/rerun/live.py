@@ -129,7 +129,7 @@ def _show(source: IO[bytes], port: int) -> None:
     from mjmerge.record.rerun.stream import new_stream
 
     header: Header = pickle.load(source)
-    scene = Scene(header.model, header.scenario.r_m)
+    scene, wire = Scene(header.model, header.scenario.r_m), header.wire
     stream = new_stream(APPLICATION)
     blueprint = layout.blueprint(header.scenario, scene.paint, header.plant, live=True)
     stream.connect_grpc(f"rerun+http://{HOST}:{port}/proxy", default_blueprint=blueprint)
@@ -142,7 +142,7 @@ def _show(source: IO[bytes], port: int) -> None:
         if isinstance(what, Outcome):
             teller.end(what)
         else:
-            posed = pose(what, scene, header.control_step_s)
+            posed = pose(what, scene, wire, header.control_step_s)
             teller.numbers(posed)
             teller.draw(posed)
         teller.flush(_FLUSH_S)

@@ -196,7 +196,7 @@ class Teller:
 
     def numbers(self, posed: PosedBlock) -> None:
         """Adds every column at consecutive ticks."""
-        send_numbers(self._stream, posed, self._header)
+        send_numbers(self._stream, posed)
 
     def draw(self, posed: PosedBlock) -> None:
         """Adds what is drawn of consecutive ticks, and what plots are read against."""

@@ -142,7 +142,7 @@ def _tell(stream: rr.RecordingStream, told: _Told) -> None:
             columns={name: values[part] for name, values in posed.block.columns.items()},
         )
         chunk = replace(posed, block=block, time_ns=posed.time_ns[part])
-        send_numbers(stream, chunk, told.side.header, root=f"/{told.name}")
+        send_numbers(stream, chunk, root=f"/{told.name}")
 
 
 def _plots(told: Sequence[_Told]) -> list[Plot]:
