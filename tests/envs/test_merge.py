@@ -1,5 +1,7 @@
 """The merge as a task: what is seen, what is given, and that only merging pays."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -98,6 +100,13 @@ def test_to_wait_is_better_than_to_park_and_to_park_than_to_crash(earned):
     waits, parks = earned[0]["keeps_its_speed"], earned[0]["brakes_and_parks"]
     assert FAILED + 1 < parks < waits - 3
     assert abs(waits) < 0.5
+
+
+def test_the_page_says_what_they_earn(earned):
+    page = (Path(__file__).parents[2] / "docs" / "environments.md").read_text(encoding="utf-8")
+    table = page.partition("<!-- paid -->")[2].partition("\n\n")[0]
+    said = {row.split("`")[1]: row.split("|")[2].strip() for row in table.splitlines() if "`" in row}
+    assert said == {name: f"{value:.2f}" for name, value in earned[0].items()}
 
 
 def test_whoever_drives_no_verdict_claims_that_its_guard_was_needed(earned):
