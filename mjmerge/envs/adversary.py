@@ -112,7 +112,7 @@ class _Score(Score):
 
     def info(self) -> dict[str, Array | Mask]:
         """See :meth:`Score.info`."""
-        return {"excused": self._excused.copy(), "least_distance_m": self._least_m.copy()}
+        return {"least_distance_m": self._least_m.copy()}
 
     def _look(self, trace: Trace) -> None:
         """Asks the hypotheses of all ticks since it did so last."""

@@ -9,7 +9,7 @@ import numpy as np
 from dm_env.auto_reset_environment import AutoResetEnvironment
 from dm_env.specs import BoundedArray
 
-from mjmerge.envs.episodes import Episodes
+from mjmerge.envs.episodes import Episodes, alone
 from mjmerge.envs.make import Cases, cases_of, draw, merging, opposing
 from mjmerge.envs.parts import Part
 from mjmerge.envs.task import Task
@@ -33,7 +33,7 @@ class Environment(AutoResetEnvironment):  # type: ignore[misc]  # it has no type
     def __init__(self, task: Task, seed: int = 0, cases: Cases = (), threads: int = 0) -> None:
         """Args: the task; the first seed; mismatches that episodes draw from; threads for the physics."""
         super().__init__()
-        self.task, self._cases = task, cases_of(task, cases)
+        self.task, self.cases = task, cases_of(task, cases)
         self._seed: int | None = seed
         self._rng = np.random.default_rng(seed)
         self._episodes = Episodes(task, 1, threads)
@@ -44,14 +44,14 @@ class Environment(AutoResetEnvironment):  # type: ignore[misc]  # it has no type
         return self._episodes.trace(0)
 
     def _reset(self) -> dm_env.TimeStep:
-        (one, case), self._seed = draw(self._rng, self._cases, self._seed), None
+        (one, case), self._seed = draw(self._rng, self.cases, self._seed), None
         seen, info = self._episodes.reset(np.zeros(1, dtype=np.intp), [one], [case])
-        self.last = {name: values[0] for name, values in info.items()}
+        self.last = alone(info, 0)
         return dm_env.restart(self._named(seen[0]))
 
     def _step(self, action: Array) -> dm_env.TimeStep:
         out = self._episodes.step(np.asarray(action)[None])
-        self.last = {name: values[0] for name, values in out.info.items()} | out.ends.get(0, {})
+        self.last = alone(out.info, 0) | out.ends.get(0, {})
         seen, reward = self._named(out.observation[0]), float(out.reward[0])
         if out.terminated[0]:
             return dm_env.termination(reward, seen)

@@ -221,6 +221,17 @@ def _info(state: State, score: Score) -> dict[str, Array | Mask]:
     return {"time_s": time_s, "distance_m": state.distance_m, **score.info()}
 
 
+def alone(info: Mapping[str, Array | Mask], which: int) -> dict[str, Any]:
+    """What there is to tell of one of them: numbers as such, and no views.
+
+    Args:
+        info: of all, each (N, ...).
+        which: this one.
+    """
+    rows = {name: values[which] for name, values in info.items()}
+    return {name: row.copy() if row.ndim else row.item() for name, row in rows.items()}
+
+
 def _beyond(turn: Turn, stepper: Stepper) -> Turn:
     """The turn after the last one: where the cars are, as it truly is."""
     cars = turn.plant.observe()

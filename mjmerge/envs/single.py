@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mjmerge.envs.episodes import Episodes
+from mjmerge.envs.episodes import Episodes, alone
 from mjmerge.envs.make import Cases, cases_of, draw, merging, opposing
 from mjmerge.envs.spaces import box
 from mjmerge.envs.task import Task
@@ -29,7 +29,7 @@ class Single(gymnasium.Env[Array, Array]):  # type: ignore[misc]  # its types ar
 
     def __init__(self, task: Task, cases: Cases = (), threads: int = 0) -> None:
         """Args: the task; mismatches that episodes draw from; threads for the physics."""
-        self.task, self._cases = task, cases_of(task, cases)
+        self.task, self.cases = task, cases_of(task, cases)
         self._episodes = Episodes(task, 1, threads)
         self.observation_space, self.action_space = box(task.sees), box(task.acts)
 
@@ -49,9 +49,9 @@ class Single(gymnasium.Env[Array, Array]):  # type: ignore[misc]  # its types ar
         super().reset(seed=seed)
         if options:
             raise MjmergeError(f"reset takes no options, got {', '.join(map(str, options))}")
-        one, case = draw(self.np_random, self._cases, seed)
+        one, case = draw(self.np_random, self.cases, seed)
         seen, info = self._episodes.reset(np.zeros(1, dtype=np.intp), [one], [case])
-        return seen[0], _alone(info)
+        return seen[0], alone(info, 0)
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """See :meth:`gymnasium.Env.step`.
@@ -62,14 +62,9 @@ class Single(gymnasium.Env[Array, Array]):  # type: ignore[misc]  # its types ar
         if self._episodes.over[0]:
             raise MjmergeError("no episode goes on: reset comes first")
         out = self._episodes.step(np.asarray(action)[None])
-        info = _alone(out.info) | out.ends.get(0, {})
+        info = alone(out.info, 0) | out.ends.get(0, {})
         ended = bool(out.terminated[0]), bool(out.truncated[0])
         return out.observation[0], float(out.reward[0]), *ended, info
-
-
-def _alone(info: Any) -> dict[str, Any]:
-    """Of one, numbers as such, and no views."""
-    return {name: v[0].copy() if v.ndim > 1 else v[0].item() for name, v in info.items()}
 
 
 def merge(cases: Cases = (), threads: int = 0, **how: Any) -> Single:

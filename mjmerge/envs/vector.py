@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from mjmerge.envs.episodes import Episodes, Ids
+from mjmerge.envs.episodes import Episodes, Ids, alone
 from mjmerge.envs.make import Cases, cases_of, draw, merging, opposing
 from mjmerge.envs.spaces import box
 from mjmerge.envs.task import Task
 from mjmerge.errors import MjmergeError, UnknownNameError
+from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array, Mask
 
 # isort: split
@@ -43,11 +44,15 @@ class Vector(VectorEnv[Array, Array, Any]):  # type: ignore[misc]  # types are o
             raise UnknownNameError("autoreset mode", str(named), modes)
         self.mode = modes[named]
         self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
-        self.task, self.num_envs, self._cases = task, num_envs, cases_of(task, cases)
+        self.task, self.num_envs, self.cases = task, num_envs, cases_of(task, cases)
         self.single_observation_space, self.single_action_space = box(task.sees), box(task.acts)
         self.observation_space, self.action_space = box(task.sees, num_envs), box(task.acts, num_envs)
         self._episodes = Episodes(task, num_envs, threads)
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
+
+    def trace(self, which: int) -> Trace:
+        """What happened so far in the episode of one of them, N = 1."""
+        return self._episodes.trace(which)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -91,7 +96,7 @@ class Vector(VectorEnv[Array, Array, Any]):  # type: ignore[misc]  # types are o
     def _begin(self, which: Ids, seeds: Sequence[int | None]) -> tuple[Array, dict[str, Array | Mask]]:
         """Some of them anew: what all see, and what there is to tell of these."""
         rngs = [self._rngs[i] for i in which.tolist()]
-        drawn = [draw(rng, self._cases, seed) for rng, seed in zip(rngs, seeds, strict=True)]
+        drawn = [draw(rng, self.cases, seed) for rng, seed in zip(rngs, seeds, strict=True)]
         return self._episodes.reset(which, [one for one, _ in drawn], [case for _, case in drawn])
 
     def _tell(self, info: dict[str, Any], told: Mapping[str, Array | Mask], which: Ids) -> None:
@@ -121,7 +126,7 @@ class Vector(VectorEnv[Array, Array, Any]):  # type: ignore[misc]  # types are o
         new = np.flatnonzero(before) if self.mode is AutoresetMode.NEXT_STEP else np.array([], dtype=np.intp)
         for i, end in out.ends.items():
             if self.mode is AutoresetMode.SAME_STEP:
-                last = {name: values[i] for name, values in out.info.items()} | end
+                last = alone(out.info, i) | end
                 info = self._add_info(info, {"final_obs": seen[i], "final_info": last}, i)
             else:
                 info = self._add_info(info, end, i)
