@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LETTERS = 100
+LETTERS = 100
 """In a line across the figure."""
 _TOGETHER = 0.025
 """Part of the time axis within which what happens has one number between its first and its last."""
@@ -59,7 +59,7 @@ def overview(trace: Trace, run: int = 0, axes: Panels = None, *, verdict: Verdic
         for touch in () if verdict is None else verdict.collisions:
             panel.axvline(touch.time_s, color=LINE, linewidth=2, alpha=0.5)
     _write_choices(opinion, trace, run)
-    title = "\n".join(ran(trace, run))
+    title = words("\n".join(ran(trace, run)))
     distance.set_xlabel("time (s)")
     if axes is not None:
         opinion.set_title(title, loc="left", fontsize=9, pad=14)
@@ -83,11 +83,11 @@ def ran(trace: Trace, run: int = 0) -> list[str]:
     known = Mismatch()
     off = [f"{k} {_short(v)}" for k, v in trace.mismatch[run] if v != getattr(known, k)]
     if off:
-        lines += wrap(f"mismatch: {', '.join(off)}", _LETTERS)
+        lines += wrap(f"mismatch: {', '.join(off)}", LETTERS)
     others = [said for said in scenario.changes if not said.startswith("mismatch.")]
     if others:
-        lines += wrap(f"set: {', '.join(others)}", _LETTERS)
-    return [words(line) for line in lines]
+        lines += wrap(f"set: {', '.join(others)}", LETTERS)
+    return lines
 
 
 def _short(value: object) -> str:
@@ -97,7 +97,7 @@ def _short(value: object) -> str:
 def _said(trace: Trace, verdict: Verdict) -> str:
     floor_m = trace.scenario.expect.min_distance_m.at_least
     floor = f"safety floor {floor_m:g} m {'held' if verdict.floor_held else 'BROKEN'}"
-    lines = wrap(f"{verdict.verdict}: {verdict.reason}; {floor}", _LETTERS)
+    lines = wrap(f"{verdict.verdict}: {verdict.reason}; {floor}", LETTERS)
     return words("\n".join(lines))
 
 

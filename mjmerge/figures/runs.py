@@ -7,11 +7,12 @@ shows the difference. Lengths in m, time in s; nothing here opens a window.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.overview import ran
+from mjmerge.figures.overview import LETTERS, ran
 from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, End, Panels, ends, length, sheet, words
 from mjmerge.law import of_paper
 from mjmerge.roster import colour
@@ -132,10 +133,10 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None)
     in_a, in_b = shared_ticks(a, b)
     style: tuple[dict[str, Any], ...] = (PALE, {})
     with_z = not any(np.isnan(trace.opinion[0]).all() for trace in (a, b))
-    for trace, label, how in zip((a, b), map(words, labels), style, strict=True):
+    for trace, label, how in zip((a, b), "AB" if axes is None else labels, style, strict=True):
         shown = trace.opinion[0] if with_z else trace.u_mps2[0, :, 0, 0]
-        opinion.plot(trace.time_s, shown, color=OPINION, label=label, **how)
-        lateral.plot(trace.time_s, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], label=label, **how)
+        opinion.plot(trace.time_s, shown, color=OPINION, label=words(label), **how)
+        lateral.plot(trace.time_s, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], **how)
     for trace, how in zip((a, b), style, strict=True):
         for j, car in enumerate(trace.roster.neighbours):
             distance.plot(trace.time_s, trace.distance_m[0, :, j], color=colour(car), **how)
@@ -151,10 +152,13 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None)
     ends(lateral, [End("ego", b.front_m[0, :, 0, 1], COLOURS["ego"])])
     each = enumerate(b.roster.neighbours)
     ends(distance, [End(f"$d_{{{j + 1}}}$", b.distance_m[0, :, j], colour(car)) for j, car in each])
-    if axes is None:
-        said = [f"{one}: {'; '.join(ran(trace))}" for one, trace in zip("AB", (a, b), strict=True)]
-        figure.suptitle("\n".join(said), x=0.01, ha="left", fontsize=9, wrap=True)
     opinion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, ncols=2, borderaxespad=0.2)
+    if axes is None:
+        each_line = []
+        for letter, label, one in zip("AB", labels, (a, b), strict=True):
+            said = (label.removeprefix(f"{letter}: "), *ran(one))
+            each_line += wrap(f"{letter}: {'; '.join(said)}", LETTERS)
+        figure.suptitle(words("\n".join(each_line)), x=0.01, ha="left", fontsize=9)
     return figure
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +12,9 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 
 import mjmerge
-from mjmerge.figures.overview import overview
-from mjmerge.figures.style import apart, length
+from mjmerge.figures.overview import overview, ran
+from mjmerge.figures.runs import comparison
+from mjmerge.figures.style import apart, length, save
 from mjmerge.roster import colour
 from mjmerge.verdict.judge import judge
 
@@ -119,3 +121,17 @@ def test_a_length_is_in_the_unit_of_a_person_and_right_to_its_digits(value_m):
     assert abs(back_m - value_m) <= max(0.006 * abs(value_m), 0.6e-5)
     assert "e" not in number
     assert length(value_m, sign="+").lstrip("+") == said
+
+
+def test_however_long_the_names_of_two_runs_are_their_figure_has_room_and_says_them(tmp_path):
+    trace = mjmerge.simulate(mjmerge.load("charge", ["duration_s=0.5"]), "double_integrator")
+    late = mjmerge.simulate(mjmerge.load("charge", ["duration_s=0.5", LATE]), "bicycle")
+    names = f"A: {'$a/very/long/folder' * 9}/run.mcap", f"B: {'b/' * 90}run.rrd"
+    figure = comparison(trace, late, names)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of matplotlib: that no room is left for the panels
+        save(figure, tmp_path / "figure.png")
+    said = figure.get_suptitle().replace("\n", "").replace("\\$", "$").replace(" ", "")
+    for name, one in zip(names, (trace, late), strict=True):
+        assert name.replace(" ", "") + ";" + ";".join(ran(one)).replace(" ", "") in said
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["A", "B"]
