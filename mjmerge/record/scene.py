@@ -169,13 +169,14 @@ class Scene:
         pos_m = np.zeros((count, len(self.frames), 3))
         quat = np.zeros((count, len(self.frames), 4))
         quat[..., 0] = 1.0
-        data = self._data
+        model, data = self._model, self._data
         qpos, xpos, xquat = data.qpos, data.xpos, data.xquat
-        for k, tick in enumerate(ticks):
+        each_pos_m, each_quat = np.empty((count, *xpos.shape)), np.empty((count, *xquat.shape))
+        for k, tick in enumerate(ticks.tolist()):
             qpos[:] = block.qpos[tick]
-            mujoco.mj_kinematics(self._model, data)
-            pos_m[k, :bodies] = xpos[self._bodies]
-            quat[k, :bodies] = xquat[self._bodies]
+            mujoco.mj_kinematics(model, data)
+            each_pos_m[k], each_quat[k] = xpos, xquat
+        pos_m[:, :bodies], quat[:, :bodies] = each_pos_m[:, self._bodies], each_quat[:, self._bodies]
         pos_m[:, bodies : bodies + len(self.cars), :2] = block.columns["front_m"][ticks]
         pos_m[:, -2, :2] = aim_m(block.columns)[ticks]
         pos_m[:, -1, 0] = block.columns["front_m"][ticks, 0, 0]

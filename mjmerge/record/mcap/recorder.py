@@ -40,12 +40,7 @@ class McapRecorder:
     def __init__(self, path: Path, header: Header, scene: Scene) -> None:
         """Args: the file, which must not exist; what is known of the run; what to draw."""
         self._context = foxglove.Context()  # our own: the global one would mix recordings
-        options = MCAPWriteOptions(
-            chunk_size=_CHUNK_BYTES,
-            compression_level=_COMPRESSION,
-            compression_threads=0,  # threads change the bytes
-        )
-        self._writer = foxglove.open_mcap(path, context=self._context, writer_options=options)
+        self._writer = foxglove.open_mcap(path, context=self._context, writer_options=writer_options())
         self._layouts = {"/tf": _transforms_layout(scene)}
         self._channels = {"/tf": self._channel("/tf", fox.FrameTransforms.get_schema())}
         wire = header.wire
@@ -129,6 +124,15 @@ class McapRecorder:
 
     def _attach(self, name: str, media_type: str, text: str) -> None:
         self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=text.encode())
+
+
+def writer_options() -> MCAPWriteOptions:
+    """How a file is written."""
+    return MCAPWriteOptions(
+        chunk_size=_CHUNK_BYTES,
+        compression_level=_COMPRESSION,
+        compression_threads=0,  # threads change the bytes
+    )
 
 
 def _transforms_layout(scene: Scene) -> Layout:
