@@ -11,7 +11,7 @@ them, and the memory.
 
 Beside them stands the floor: the encoders of Foxglove and Rerun alone. They get the same messages as ready
 bytes and Arrow arrays, a block at a time, each block to be on disk; Rerun in the end also all chunks of the
-finished file. ``run.rrd`` may cost less than its floor: see ``mjmerge/record/rerun/forms.py``.
+finished file.
 """
 
 from __future__ import annotations
