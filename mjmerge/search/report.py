@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.figures.style import COLOURS, LINE, save, save_rows, words
+from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, save, save_rows, words
 from mjmerge.outputs import put
 from mjmerge.search.breaking import Break, Range, Tried, Until, margin
 
@@ -112,8 +112,37 @@ def _beyond(one: Break) -> str:
     )
 
 
+PASSED, TOUCHES, MARGIN, OFF, ENDED, FLOOR = (
+    "safe", "bodies touch", "d_j falls to 0", "runs off the road", "ends early", "below the floor",
+)  # fmt: skip
+_OUTCOMES = {
+    PASSED: ("o", COLOURS["ego"]),
+    TOUCHES: ("X", LINE),
+    MARGIN: ("v", COLOURS["vehicle_2"]),
+    OFF: ("s", OPINION),
+    ENDED: ("D", "black"),
+    FLOOR: ("v", MU),
+}
+"""What can come of a point, and how it is drawn."""
+
+
+def broke(tried: Tried) -> str:
+    """What broke at a point, of its worst seed: bodies, margin, or what else; ``PASSED`` if nothing."""
+    row = tried.row
+    if not tried.failed:
+        return PASSED
+    if row["first_contact_s"] is not None:
+        return TOUCHES
+    least_m, edge_m = row["min_distance_m"], row.get("min_edge_distance_m")
+    if edge_m is not None and edge_m <= 0:
+        return OFF
+    if least_m is not None and least_m <= 0:
+        return MARGIN
+    return FLOOR if row["stopped"] is None else ENDED
+
+
 def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
-    """Least d_j along every axis, what failed as crosses, and the interval of the first break."""
+    """Least d_j along every axis, what broke at each point, and the interval of the first break."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -127,9 +156,9 @@ def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
             color=COLOURS["vehicle_1"],
             linewidth=0.8,
         )
-        for failed, marker, colour in ((False, "o", COLOURS["ego"]), (True, "X", LINE)):
-            part = [t for t in known if t.failed == failed]
-            label = ("safe", "unsafe")[failed] if until == "unsafe" else ("above the floor", "below")[failed]
+        for what, (marker, colour) in _OUTCOMES.items():
+            part = [t for t in known if broke(t) == what]
+            label = "above the floor" if until == "floor" and what == PASSED else what
             axes.scatter(
                 [t.value for t in part],
                 [margin(t.row) for t in part],
@@ -137,7 +166,7 @@ def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
                 s=22,
                 color=colour,
                 zorder=3,
-                label=label,
+                label=label if part else None,
             )
         axes.axhline(0, color=LINE, linewidth=1)
         if one.fails and one.passes:

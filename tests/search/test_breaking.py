@@ -13,7 +13,7 @@ import mjmerge
 from mjmerge.errors import MjmergeError
 from mjmerge.search import breaking
 from mjmerge.search import report as breaking_report
-from mjmerge.search.breaking import FRONTIER, WITHIN, Range, ranged, search
+from mjmerge.search.breaking import FRONTIER, WITHIN, Range, Tried, ranged, search
 from mjmerge.sweep.workers import Workers
 
 KEY = "mismatch.neighbour_position_noise_m"
@@ -148,3 +148,23 @@ def test_an_axis_is_searched_up_to_its_bound_or_as_told(text, expected):
 def test_what_is_no_axis_is_refused_with_advice(text, says):
     with pytest.raises(MjmergeError, match=says):
         ranged(text, "paper", {})
+
+
+@pytest.mark.parametrize(
+    ("found", "what"),
+    [
+        ({"min_distance_m": 0.1}, "below the floor"),
+        ({"min_distance_m": -0.1}, "d_j falls to 0"),
+        ({"min_distance_m": 0.0}, "d_j falls to 0"),
+        ({"min_distance_m": 0.1, "first_contact_s": 3.0}, "bodies touch"),
+        ({"min_distance_m": -0.1, "first_contact_s": 3.0}, "bodies touch"),
+        ({"min_distance_m": 0.1, "min_edge_distance_m": -0.1}, "runs off the road"),
+        ({"min_distance_m": 0.1, "stopped": "ego: it is off its wheels"}, "ends early"),
+        ({"min_distance_m": None, "stopped": "ego: its state is not finite"}, "ends early"),
+        ({"min_distance_m": 0.0, "stopped": "ego: it touches"}, "d_j falls to 0"),
+    ],
+)
+def test_a_plot_tells_bodies_from_margins(found, what):
+    row = {"first_contact_s": None, "stopped": None} | found
+    assert breaking_report.broke(Tried(1.0, failed=True, runs=1, row=row, case=None)) == what
+    assert breaking_report.broke(Tried(1.0, failed=False, runs=1, row=row, case=None)) == "safe"
