@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, sheet, words
@@ -19,6 +20,8 @@ _MOST_PANELS = 24
 _MORE = ("vehicle_4", "vehicle_5", "vehicle_6", "vehicle_8")
 """Cars whose colours further laws have."""
 _VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], OPINION, MU, *map(paint, _MORE))
+_MARKS = "os^vDP*"
+"""Of laws."""
 _OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}
 
 
@@ -78,25 +81,27 @@ def _margins(title: str, rows: Rows) -> Figure:
 
 
 def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
-    """Least d_j over the value of each axis, a dot per run, coloured by how the run counts."""
+    """Least d_j over the value of each axis, a mark per run: its law's, in the colour of how it counts."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    known = [row for row in rows if row["min_distance_m"] is not None]
+    marks = dict(zip(dict.fromkeys(row["variant"] for row in rows), cycle(_MARKS), strict=False))
     across = min(3, len(axes_))
     down = -(-len(axes_) // across)
     figure = Figure(figsize=(3.2 * across + 0.6, 2.6 * down + 0.9), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(down, across, squeeze=False, sharey=True)
     for panel, axis in zip(panels.flat, axes_, strict=False):
-        for outcome, colour in _OUTCOMES.items():
-            part = [r for r in rows if r["outcome"] == outcome and r["min_distance_m"] is not None]
+        for (outcome, variant), part in groups(known, ("outcome", "variant")).items():
             panel.scatter(
                 [row[axis] for row in part],
                 [row["min_distance_m"] for row in part],
-                s=8,
+                s=8 if len(marks) == 1 else 14,
                 alpha=0.6,
                 linewidth=0,
-                color=colour,
+                color=_OUTCOMES[outcome],
+                marker=marks[variant],
             )
         _limits(panel, rows, panel.axhline)
         panel.set_xlabel(axis, fontsize=8)
@@ -108,11 +113,11 @@ def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
     for panel in list(panels.flat)[len(axes_) :]:
         panel.set_visible(False)
     figure.suptitle(words(title))
-    handles = [
-        figure.axes[0].scatter([], [], s=20, color=colour, label=outcome)
-        for outcome, colour in _OUTCOMES.items()
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    blank = figure.axes[0]
+    handles = [blank.scatter([], [], s=20, color=own, label=outcome) for outcome, own in _OUTCOMES.items()]
+    if len(marks) > 1:
+        handles += [blank.scatter([], [], s=20, color=MU, marker=m, label=law) for law, m in marks.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
     return figure
 
 
