@@ -1,4 +1,4 @@
-"""The README: what it shows comes of its runs; commands, files and links are there; numbers are the code's."""
+"""The README: what it shows comes of its runs; commands, files and links are there; numbers are right."""
 
 import json
 import re
