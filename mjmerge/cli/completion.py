@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -62,9 +62,9 @@ def options(made_by: Any) -> Iterator[Option]:
             yield Option((flag,), takes or "VALUE", _literal(kind))
 
 
-def _said(more: Iterable[object], key: str) -> str:
-    """What the markers of an option say of it."""
-    return next((value for one in more if (value := getattr(one, key, None))), "")
+def _said(more: Sequence[object], key: str) -> str:
+    """What the markers of an option say of it, the last of them."""
+    return next((value for one in reversed(more) if (value := getattr(one, key, None))), "")
 
 
 def _literal(kind: Any) -> tuple[str, ...]:

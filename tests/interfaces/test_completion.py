@@ -65,9 +65,12 @@ def test_the_options_of_a_command_are_those_of_its_help(name, capsys):
     with pytest.raises(SystemExit):
         main([name, "--help"])
     begins = re.compile(r"^(?:│ |  )(?:-h, )?(--[\w-]+(?:, --[\w-]+)*)", re.MULTILINE)
-    shown = begins.findall(capsys.readouterr().out)
+    out = capsys.readouterr().out
+    shown = begins.findall(out)
     flags = {flag for line in shown for flag in line.split(", ")}
-    assert flags - {"--help"} == {flag for option in options(command(name)) for flag in option.flags}
+    taken = list(options(command(name)))
+    assert flags - {"--help"} == {flag for option in taken for flag in option.flags}
+    assert all(f"{o.flags[0]} {o.takes}" in out for o in taken if o.flags and o.takes not in ("", "VALUE"))
 
 
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="there is no zsh here")

@@ -21,7 +21,8 @@ def _elsewhere_and_quick(tmp_path, monkeypatch):
     """In an empty folder; what takes its time and is not asked about here is left out."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mjmerge.run.FORMATS", {})
-    monkeypatch.setattr("mjmerge.run.figure", lambda _, path, __: path.write_text("drawn"))
+    monkeypatch.setattr("mjmerge.run.overview", lambda *_: None)
+    monkeypatch.setattr("mjmerge.run.save", lambda _, path: path.write_text("drawn"))
 
 
 def does(capsys, *args: str) -> tuple[int, str, str]:

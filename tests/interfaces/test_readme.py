@@ -1,14 +1,32 @@
-"""The tables of the README are what comes of their runs."""
+"""The README: what it shows comes of its runs; commands, files and links are there; numbers are right."""
 
 import json
 import re
+import shlex
+import tomllib
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
+import tyro
 
-from mjmerge.cli import main
+import mjmerge
+from mjmerge.cli import COMMANDS as EVERY
+from mjmerge.cli import command, main
+from mjmerge.cli.completion import options
+from mjmerge.config import shipped
+from mjmerge.config.document import parse
+from mjmerge.drivers import kinds
+from mjmerge.gate.gate import TOLERANCE_M
+from mjmerge.record.attached import MOST_MEMORY_BYTES, MOST_SECONDS
+from mjmerge.roster import MOST_CARS
+from mjmerge.run import run as run_scenario
+from mjmerge.sweep.campaign import plan
+from mjmerge.sweep.plan import MISMATCH
 
-TEXT = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 CHARGE = {
     "`double_integrator` (the proof)": ["--plant", "double_integrator"],
     "`bicycle`": ["--plant", "bicycle"],
@@ -28,10 +46,32 @@ def table(head):
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
-def run(capsys, *arguments):
-    with pytest.raises(SystemExit):
-        main(["run", *arguments, "--no-record", "--json"])
-    return json.loads(capsys.readouterr().out)
+def blocks(language):
+    """Code blocks of a language, one after the other."""
+    return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
+
+
+def commands():
+    """Every command of ours, in a block or in a sentence."""
+    lines = [line for block in blocks("sh") for line in block.splitlines()]
+    spoken = re.findall(r"(?<!`)`(mjmerge [^`\n]+)`(?!`)", TEXT)
+    split = [tuple(shlex.split(line, comments=True)) for line in (*lines, *spoken)]
+    return [words for words in dict.fromkeys(split) if words[:1] == ("mjmerge",)]
+
+
+COMMANDS = commands()
+
+
+def claim(line):
+    """What is said after the line of a command."""
+    return re.search(rf"^{re.escape(line)} +# (.*)$", TEXT, re.MULTILINE)[1]
+
+
+@cache
+def ran(*arguments):
+    """What comes of a run on the command line that records nothing."""
+    words = tyro.cli(command("run"), args=[*arguments, "--no-record"])
+    return run_scenario(mjmerge.load(words.scenario, words.set_), words.plant)
 
 
 def same(cell, value, digits):
@@ -56,22 +96,70 @@ def test_every_row_of_charge_is_known():
 
 
 @pytest.mark.parametrize("row", CHARGE_ROWS, ids=lambda row: row[0])
-def test_a_row_of_charge_is_what_comes_of_its_run(row, capsys):
+def test_a_row_of_charge_is_what_comes_of_its_run(row):
     name, d_1, d_2, verdict = row
-    found = run(capsys, "charge", *CHARGE[name])
+    found = ran("charge", *CHARGE[name]).summary
     same(d_1, found["min_distance_m"]["vehicle_1"], 3)
     same(d_2, found["min_distance_m"]["vehicle_2"], 3)
     says(verdict, found)
 
 
 @pytest.mark.parametrize("row", LARGE_ROWS, ids=lambda row: row[0])
-def test_a_row_at_full_size_is_what_comes_of_its_run(row, capsys):
-    name, _, _, d_1, d_2, clearance, _, verdict = row
-    found = run(capsys, name.strip("`"))
+def test_a_row_at_full_size_is_what_comes_of_its_run(row):
+    name, _, gains, d_1, d_2, clearance, asked, verdict = row
+    done = ran(name.strip("`"))
+    found, u = done.summary, done.trace.u_mps2[0, :, 0]
     same(d_1, found["min_distance_m"]["vehicle_1"], 2)
     same(d_2, found["min_distance_m"]["vehicle_2"], 2)
     same(clearance.replace("-0.00", "0.00"), abs(round(found["min_clearance_m"], 2)), 2)
+    assert asked == f"{np.nanmax(np.hypot(*u.T)):.1f} m/s^2"
+    published = mjmerge.load("paper").law.k_p
+    assert (done.trace.scenario.law.k_p == published) == (gains == "published")
     says(verdict, found)
+
+
+def test_most_of_that_is_scale():
+    said = re.search(r"the double integrator keeps ([\d.]+ m) and ([\d.]+ m) on `highway`", TEXT)
+    for cell, name in zip(said.groups(), ("highway", "highway_paper_gains"), strict=True):
+        trace = mjmerge.simulate(mjmerge.load(name), "double_integrator")
+        same(cell, trace.min_distance_m.min(), 2)
+
+
+def test_what_breaks_it_breaks_when_it_says(capsys):
+    for line in (
+        "mjmerge run paper --set law.k_o=0",
+        "mjmerge run leader_brakes --set law.k_o=0 --plant double_integrator",
+    ):
+        done = ran(*shlex.split(line)[2:])
+        said_s = float(re.search(r"d_2 < 0 at ([\d.]+) s", claim(line))[1])
+        first_s = done.trace.time_s[np.argmax(done.trace.distance_m[0, :, 1] < 0)]
+        assert done.trace.min_distance_m[0, 1] < 0 < done.trace.min_distance_m[0, 0]
+        assert abs(first_s - said_s) <= 0.05
+        assert done.exit_code == 1
+    assert claim("mjmerge run paper --set law.k_o=0").endswith("exit code 1")
+
+
+def test_charge_and_blocked_are_as_they_are_told():
+    said = claim("mjmerge run charge")
+    hardest = np.abs(ran("charge", "--plant", "double_integrator").trace.u_mps2[0, :, 2]).max()
+    assert f"at up to {hardest:.1f} m/s^2: {ran('charge').summary['verdict']}" in said
+    better = ran("charge", "--set", "mismatch.tyres=ideal").summary["min_distance_m"]["vehicle_1"]
+    better -= ran("charge").summary["min_distance_m"]["vehicle_1"]
+    ideal = claim("mjmerge run charge --set mismatch.tyres=ideal")
+    assert ideal.endswith(f"{100 * better:.0f} cm better")
+    for line in ("friction=0.2", "command_delay_s=0.2"):
+        hit = re.search(r"hits (Vehicle \d)", claim(f"mjmerge run charge --set mismatch.{line}"))[1]
+        collided = ran("charge", "--set", f"mismatch.{line}").summary["collisions"][0]
+        assert collided["b"] == hit.lower().replace(" ", "_")
+    assert f'"{ran("blocked").summary["verdict"]}"' in claim("mjmerge run blocked")
+
+
+def test_what_is_without_effect_is_refused_with_the_plants_that_have_it(capsys):
+    (line,) = re.findall(r"`(mjmerge run [^`]*)` is refused", TEXT)
+    with pytest.raises(SystemExit) as stop:
+        main([*shlex.split(line)[1:], "--no-record"])
+    assert stop.value.code == 2
+    assert "mujoco" in capsys.readouterr().err
 
 
 def test_the_first_run_prints_what_the_readme_shows(capsys):
@@ -84,13 +172,113 @@ def test_the_first_run_prints_what_the_readme_shows(capsys):
         assert " ".join(line.split()) in printed
 
 
-def test_the_lines_of_python_run_and_shapes_are_as_they_say():
-    """In 0.2 s of simulated time, of twelve."""
-    (code,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-    names: dict[str, object] = {}
-    short = code.replace('"mismatch.friction=0.4"', '"mismatch.friction=0.4", "duration_s=0.2"')
-    exec(short, names)
-    shapes = re.findall(r"^trace\.(\w+)  # .*: \((.*)\)$", code, re.MULTILINE)
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_every_command_is_one_with_its_options(words):
+    if len(words) == 2:  # its name alone, in a sentence
+        assert words[1] in EVERY
+        return
+    tyro.cli(command(words[1]), args=words[2:])
+
+
+def test_every_option_that_is_told_of_is_one():
+    told = {*re.findall(r"`(--[a-z][\w-]*)", TEXT)}
+    every = {flag for name in EVERY for option in options(command(name)) for flag in option.flags}
+    assert told
+    assert told <= {*every, "--version"}
+
+
+@pytest.mark.parametrize("text", blocks("yaml"), ids=lambda text: text.splitlines()[0])
+def test_every_file_that_is_shown_can_be_read(text):
+    shown = parse(text).value
+    if "blocks" in shown:
+        assert len(plan(shown).cases) > 100
+        return
+    base = parse(shipped.scenarios()["charge"].read_text(encoding="utf-8")).value
+    scenario = mjmerge.load(shown if "description" in shown else base | {"law": {**base["law"]}} | shown)
+    assert {*shown} <= {*type(scenario).model_fields}
+
+
+def test_the_scenario_that_is_shown_runs_and_keeps_its_floor(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (text,) = [block for block in blocks("yaml") if "A short merge behind" in block]
+    Path("my_merge.yaml").write_text(text)
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "my_merge.yaml", "--plant", "bicycle", "--no-record", "--json"])
+    assert stop.value.code is None or stop.value.code == 0
+    assert json.loads(capsys.readouterr().out)["floor_held"]
+
+
+def test_the_lines_of_python_run_and_have_the_shapes_they_say():
+    (code,) = blocks("python")
+    shapes = re.findall(r"^trace\.(\w+)  # .*: (\([\d, ]+\))$", code, re.MULTILINE)
     assert [name for name, _ in shapes] == ["distance_m", "opinion", "front_m"]
-    for name, shape in shapes:
-        assert str(getattr(names["trace"], name).shape) == f"({shape.replace('1201', '21')})"
+    names = {"print": lambda *_: None}
+    exec(code.replace("runs=8", "runs=2"), names)  # eight take their time
+    for name, said in shapes:
+        assert str(getattr(names["trace"], name).shape) == said.replace("(8", "(2")
+    assert names["ideal"].continuous
+    assert names["large"].r_m == pytest.approx(10 * names["scenario"].r_m)
+
+
+def test_campaigns_have_as_many_runs_and_axes_as_they_say():
+    core, many = plan("mismatch_core"), plan("random_1000")
+    laws = {case.batch.scenario.law.label for case in core.cases}
+    said = re.search(r"three levels, two laws: (\d+) runs", claim("mjmerge sweep mismatch_core"))
+    assert len(laws) == 2
+    assert f"{float(said[1]):.1g}" == f"{len(core.cases):.1g}"
+    axes = [axis for axis in many.axes if axis.startswith(MISMATCH)]
+    assert f"{len(axes)} axes at once, a thousand" in claim("mjmerge sweep random_1000")
+    assert len(many.cases) == 1000
+
+
+def test_the_kinds_of_drivers_and_who_can_lead():
+    assert sorted(row[0].strip("`") for row in table("| kind | what")) == sorted(kinds())
+    said = re.search(r"list drivers`\): (.*?) can lead; (.*?) follow the car ahead", TEXT, re.DOTALL)
+    for names, lead in zip(said.groups(), (True, False), strict=True):
+        assert {*re.findall(r"`(\w+)`", names)} == {n for n, cls in kinds().items() if cls.can_lead is lead}
+
+
+def test_the_events_that_are_shown_are_those_of_the_run():
+    pattern = r"`platoon_8_small`[^`]*the events of its recording:\n\n```\n(.*?)```"
+    block = re.search(pattern, TEXT, re.DOTALL)[1]
+    happened = mjmerge.events(mjmerge.simulate(mjmerge.load("platoon_8_small")))
+    shown = [e for e in happened if e.car == "ego" and e.text.startswith(("chooses", "merged"))]
+    lines = [f"{e.time_s:.2f} s  {e.car}   {e.text}" for e in shown]
+    assert lines == [line.strip() for line in block.splitlines()]
+
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+NUMBERS = {
+    r"Python (3\.\d+ or 3\.\d+);": lambda: " or ".join(
+        line.rpartition(" ")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line
+    ),
+    r"Three cars are there: (.*?)\.": lambda: (
+        "`rc` (1/10, the default), `sedan` and `van`"
+        if sorted(shipped.models()) == ["rc", "sedan", "van"] and mjmerge.load("paper").models.ego == "rc"
+        else ""
+    ),
+    r"numbered on, up to (\d+):": lambda: str(MOST_CARS - 1),
+    r"two-sided to ([\d.]+) mm": lambda: f"{1e3 * TOLERANCE_M:g}",
+    r"of its own with (\d+ s and \d+ GB)": lambda: f"{MOST_SECONDS} s and {MOST_MEMORY_BYTES >> 30} GB",
+    r"([\d.]+) m for `rc`": lambda: f"{mjmerge.load('paper').r_m:g}",
+    r"([\d.]+) m for `sedan`": lambda: f"{mjmerge.load('highway').r_m:g}",
+}
+"""Numbers and names in sentences, and where they are from."""
+
+
+@pytest.mark.parametrize("pattern", NUMBERS)
+def test_a_number_in_a_sentence_is_the_codes(pattern):
+    (said,) = {*re.findall(pattern, TEXT)}
+    assert said == NUMBERS[pattern]()
+
+
+def test_every_link_and_file_is_there():
+    links = re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", TEXT)
+    paths = re.findall(r"`((?:mjmerge|scenarios|models|docs|examples)/[\w./]*)`", TEXT)
+    links += [(path, "") for path in paths]
+    assert len(links) > 20
+    for path, anchor in links:
+        assert (ROOT / path).exists(), path
+        if anchor:
+            heads = re.findall(r"^#+ (.*)$", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}

@@ -24,7 +24,7 @@ from mjmerge.simulation.trace import Stop
 from mjmerge.sweep.campaign import plan
 from mjmerge.sweep.sweep import sweep
 
-SCENARIO = mjmerge.load("charge", ["duration_s=0.5", "law.k_o=0.5"])
+SCENARIO = mjmerge.load("charge", ["duration_s=0.5", "mismatch.position_noise_m=0.01"])
 TRACE = mjmerge.simulate(SCENARIO, "bicycle", runs=3)
 
 
@@ -43,7 +43,7 @@ def texts(html):
 
 def test_a_scenario_is_a_line_with_what_was_given_beside_its_file():
     cars = "<Scenario charge: 3 cars (rc), 0.5 s, law opinion_dynamics (literal)"
-    assert repr(SCENARIO) == str(SCENARIO) == f"{cars}; set duration_s=0.5, law.k_o=0.5>"
+    assert repr(SCENARIO) == str(SCENARIO) == f"{cars}; set duration_s=0.5, mismatch.position_noise_m=0.01>"
     other = mjmerge.load("charge", ["law.kind=cbf_qp"])
     assert repr(other).endswith("12 s, law cbf_qp; set law.kind=cbf_qp>")
     assert "set" not in repr(mjmerge.load("charge"))
@@ -73,6 +73,7 @@ def test_a_page_of_a_trace_has_the_worst_run_first_and_draws_it(make_trace):
     assert said[row : row + 5] == ["7", "-0.250 m", "1.500 m", "-", "0.30 s: ego, d_1 <= 0"]
     assert "and 2 more" in said
     assert trace._repr_html_().count("<polyline") == 2
+    assert min(map(float, re.findall(r'text-anchor="end">(.*?)<', trace._repr_html_()))) <= -0.25
     assert "<svg" not in make_trace()._repr_html_(), "nothing is drawn of nothing"
 
 
