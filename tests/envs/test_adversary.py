@@ -42,12 +42,22 @@ def paid(trace):
     return np.array(rewards)
 
 
+FALSE = [
+    Mismatch(),
+    Mismatch(neighbour_position_noise_m=0.004),  # too much now and then
+    Mismatch(neighbour_position_noise_m=0.008),
+    Mismatch(command_delay_s=0.15),  # it does not move as commanded, now and then
+]
+
+
 @settings(max_examples=12)
 @given(st.lists(st.floats(-8, 8), min_size=1, max_size=6), st.sampled_from(["double_integrator", "bicycle"]))
 def test_it_is_paid_by_the_definition_tick_by_tick_and_hypotheses_are_those_of_the_judge(moves, plant):
     task = opposing(plant=plant, settings=[*COARSE, "initial.ego.front_m=[-1.0,0.9]"])
-    rewards, episodes, _ = played(task, lambda k: moves[k // 20 % len(moves)])
-    assert rewards[0] == pytest.approx(paid(episodes.trace(0)), abs=1e-12)
+    rewards, episodes, _ = played(task, lambda k: moves[k // 20 % len(moves)], FALSE, range(len(FALSE)))
+    for i in range(len(FALSE)):
+        expected = paid(episodes.trace(i))
+        assert rewards[i, : len(expected)] == pytest.approx(expected, abs=1e-12)
 
 
 def test_some_of_these_are_excused_and_some_are_not():

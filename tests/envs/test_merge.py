@@ -1,6 +1,7 @@
 """The merge as a task: what is seen, what is given, and that only merging pays."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ from mjmerge import MjmergeError, load, simulate
 from mjmerge.envs.episodes import Episodes
 from mjmerge.envs.make import cases_of, merging
 from mjmerge.envs.merge import FAILED, LOST, MOST_MPS2
-from mjmerge.envs.task import State
+from mjmerge.envs.parts import Part, bounds, places
+from mjmerge.envs.parts import seen as shown
+from mjmerge.envs.task import State, only
 from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.simulation.trace import Stop
 from mjmerge.verdict.metrics import MERGED_M
 
 SHORT = ["duration_s=0.5"]
@@ -215,6 +219,8 @@ def test_who_drives_into_the_leader_is_over_and_it_is_nobody_elses_fault(plant):
     assert "hold small against d" not in out.ends[0]["broken_at_s"]  # of the law that looked on
     assert out.reward[0] < FAILED + 1
     waits = episodes.step(np.zeros((2, 2)))
+    assert np.isnan(episodes.trace(0).distance_m[0, steps:]).all()  # it is over in truth, too
+    assert not np.isnan(episodes.trace(1).distance_m[0, : steps + 1]).any()
     assert waits.terminated.tolist() == [True, False]
     assert waits.reward[0] == 0
     assert np.array_equal(waits.observation[0], out.observation[0])
@@ -232,6 +238,45 @@ def test_bodies_that_touch_on_mujoco_end_it_though_the_margin_is_kept():
     assert np.nanmin(trace.distance_m) > 0
 
 
+@pytest.mark.parametrize(
+    ("clearance_m", "impulse_n_s", "unsafe"),
+    [
+        ((0.1, 0.1, 0.1), (0.0, 0.0, 0.0), False),
+        ((-0.1, 0.1, 0.1), (0.0, 0.0, 0.0), True),
+        ((0.1, 0.1, 0.1), (0.0, 2.0, 0.0), True),  # they touched since the last tick
+        ((0.1, 0.1, -0.1), (0.0, 0.0, 2.0), False),  # the neighbours did, each other
+    ],
+)
+def test_unsafe_is_when_bodies_touch_the_egos(clearance_m, impulse_n_s, unsafe):
+    front_m = np.array([[[0.0, 0.0], [2.0, 0.0], [-2.0, 0.0]]])
+    cars = SimpleNamespace(front_m=front_m, clearance_m=np.array([clearance_m]))
+    impulse = np.array([impulse_n_s])
+    turn = SimpleNamespace(cars=cars, time_s=0.0, plant=SimpleNamespace(contacts=lambda: (impulse, impulse)))
+    stepper = SimpleNamespace(scenario=load("paper"), plant="mujoco", ramp=None)
+    state = State.of(turn, stepper)
+    assert state.distance_m == pytest.approx(np.array([[1.4, 1.4]]))
+    assert state.unsafe.tolist() == [unsafe]
+
+
+def test_what_is_seen_is_kept_within_its_bounds_and_is_0_where_nothing_is_known():
+    parts = [Part(name, "m", name, (2,), 3.0, lambda turn: turn.cars) for name in ("a", "b")]
+    cars = np.array([[5.0, -5.0], [np.nan, 1.0]])
+    turn = SimpleNamespace(running=np.array([True, False]), cars=cars)
+    assert shown(places(parts), bounds(parts), turn).tolist() == [[3, -3, 3, -3], [0, 1, 0, 1]]
+
+
+def test_some_simulations_of_a_trace_are_what_each_is_alone(make_trace):
+    stops = (Stop(0, 0.1, "ego", "it is off its wheels"), Stop(2, 0.2, "ego", "likewise"))
+    z = np.arange(4.0)[:, None] * np.ones((4, 40))
+    trace = make_trace(runs=4, stops=stops, opinion=z)
+    some = only(trace, np.array([1, 2]))
+    for run in (0, 1):
+        mine, theirs = some.alone(run, some.scenario), trace.alone(run + 1, trace.scenario)
+        assert (mine.stops, mine.seeds, mine.mismatch) == (theirs.stops, theirs.seeds, theirs.mismatch)
+        assert np.array_equal(mine.opinion, theirs.opinion)
+    assert [stop.run for stop in some.stops] == [1]
+
+
 def test_a_simulation_that_cannot_go_on_fails_and_what_is_seen_stays_numbers():
     task = merging(settings=["duration_s=3", "mismatch.com_raised_m=1.0"])
     episodes, _ = begun(task)
@@ -239,6 +284,7 @@ def test_a_simulation_that_cannot_go_on_fails_and_what_is_seen_stays_numbers():
     while not episodes.over.all():
         out = episodes.step([[0.0, MOST_MPS2]])
     assert out.terminated.all()
+    assert not out.truncated.any()
     assert episodes.trace(0).stops
     assert out.reward[0] < FAILED + 1
     assert np.isfinite(out.observation).all()
@@ -254,6 +300,11 @@ def test_the_end_of_the_lane_is_seen_as_the_law_is_told_of_it_and_ends_an_episod
         out = episodes.step(np.zeros((1, 2)))
     assert out.terminated.all()
     assert "runs off the end of its lane" in out.ends[0]["reason"]
+    episodes, first = begun(merging(plant="bicycle", settings=["duration_s=0.05", "road.ends_m=4"]))
+    while not episodes.over.all():
+        out = episodes.step(np.zeros((1, 2)))
+    assert out.truncated.all()
+    assert out.observation == pytest.approx(first, abs=0.5)
 
 
 @pytest.mark.parametrize(
