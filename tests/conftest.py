@@ -28,10 +28,8 @@ settings.load_profile("mjmerge")
 COUNTED = (
     "config/",
     "drivers/",
-    "interfaces/test_completion.py",
     "law/",
     "merges/",
-    "notebook/test_looks.py",
     "plant/",
     "recording/test_folder.py",
     "recording/test_tools.py",
