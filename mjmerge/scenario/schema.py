@@ -330,13 +330,17 @@ class Scenario(Frozen):
 
     def settled(self) -> Scenario:
         """The same scenario as if all of it stood in its file: to be run on another plant for comparison."""
+        return self.giving({})
+
+    def recalling(self, changes: tuple[str, ...]) -> Scenario:
+        """The same scenario with the memory of what was given beside its file, to be told of what ran."""
         copy = self.model_copy()
-        copy._given = {}
+        copy._changes = changes
         return copy
 
     @property
     def changes(self) -> tuple[str, ...]:
-        """What was given beside its file, such as ``law.k_o=0``: what a figure says of it. Not compared."""
+        """What was given beside its file, such as ``law.k_o=0``: what a figure says of it."""
         return self._changes
 
     @property

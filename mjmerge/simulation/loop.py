@@ -78,7 +78,7 @@ def simulate(
     check_run(scenario, plant, runs, seed, threads, cases, continuous=continuous, world=world)
     check(plant, scenario)
     check_effect(scenario, plant, continuous=continuous, mismatches=[m for _, m in cases or ()])
-    scenario = equipped(scenario.settled())
+    changes, scenario = scenario.changes, equipped(scenario.settled())
     if cases is None:
         check_runs(scenario, runs, (seed, seed + runs - 1), [scenario.mismatch])
         cases = [(seed + i, scenario.mismatch) for i in range(runs)]
@@ -86,7 +86,7 @@ def simulate(
     check_runs(scenario, len(cases), (min(seeds), max(seeds)), mismatch)
     each = [scenario.model_copy(update={"mismatch": truth}) for truth in mismatch]
     going = ticks(
-        scenario, each, seeds, plant,
+        scenario.recalling(changes), each, seeds, plant,
         threads=threads, world=world, sink=sink, live=live, progress=progress, continuous=continuous,
     )  # fmt: skip
     return run(going).finish()

@@ -89,8 +89,8 @@ WRONG_SIGNS = {
     ),
     "everywhere": (
         "law/sensed.py",
-        "g = _unit(e, distance)",
-        "g = -_unit(e, distance)",
+        "g = e / np.maximum(length, LEAST)[..., None]",
+        "g = -e / np.maximum(length, LEAST)[..., None]",
         "off the rate of d_j",
     ),
 }
