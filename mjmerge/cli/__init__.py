@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -56,6 +57,8 @@ COMMANDS = (
 """In the order of the help: each a file, and in it a class of that name."""
 _BAD_INPUT, _FAILED, _TERMINATED = 2, 3, 128 + signal.SIGTERM
 _AGAIN_S = 0.005
+_GARBAGE = 50_000
+"""New objects after which Python looks for garbage: what a command imports makes 200,000, and no garbage."""
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -68,6 +71,7 @@ def main(argv: list[str] | None = None) -> None:
     arguments = sys.argv[1:] if argv is None else [*argv]
     if is_command():
         _hush_libraries()
+        gc.set_threshold(_GARBAGE)
     with standard() as streams, _signals() as (interrupted, terminated):
         code = _answer(arguments, interrupted, terminated)
         lost = streams.lost

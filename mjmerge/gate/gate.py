@@ -30,7 +30,7 @@ from mjmerge.scenario.distinct import labels
 from mjmerge.scenario.effect import acting, covers, given_in_vain
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import column
-from mjmerge.scenario.schema import GateRow
+from mjmerge.scenario.schema import GateRow, Scenario
 from mjmerge.simulation.loop import simulate
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import G_MPS2, Array, Mask, norm
@@ -197,10 +197,10 @@ def run(
                 progress(done)
 
 
-def _alike(row: RowResult) -> tuple[Path, str, str]:
+def _alike(row: RowResult) -> tuple[Path, str, Scenario]:
     """What rows of one batch share."""
-    rest = row.scenario.model_copy(update={"mismatch": None, "expect": None})
-    return row.file, row.check.plant, repr(rest)
+    rest = row.scenario.settled().model_copy(update={"mismatch": None, "expect": None})
+    return row.file, row.check.plant, rest
 
 
 def _measured(trace: Trace) -> list[RowMargins]:

@@ -21,7 +21,7 @@ def _elsewhere_and_quick(tmp_path, monkeypatch):
     """In an empty folder; what takes its time and is not asked about here is left out."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mjmerge.run.FORMATS", {})
-    monkeypatch.setattr("mjmerge.run.overview", lambda *_: None)
+    monkeypatch.setattr("mjmerge.run.overview", lambda *_, **__: None)
     monkeypatch.setattr("mjmerge.run.save", lambda _, path: path.write_text("drawn"))
 
 

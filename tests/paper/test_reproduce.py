@@ -17,7 +17,8 @@ from PIL import Image
 from mjmerge.cli import main
 from mjmerge.figures.animation import EVERY_S, SHOWN_S, animate, ticks
 from mjmerge.figures.runs import distances
-from mjmerge.law import VARIANTS, OpinionDynamics, sensed
+from mjmerge.law import VARIANTS, OpinionDynamics
+from mjmerge.law.opinion_dynamics import law
 from mjmerge.paper import facts, reproduce
 from mjmerge.paper.bifurcation import branches, converging
 from mjmerge.scenario.load import load
@@ -323,18 +324,21 @@ def test_an_earlier_reproduction_in_the_default_folder_makes_way(capsys, tmp_pat
 
 def test_the_commands_are_even_in_g_j(monkeypatch):
     """The text has g_j point from the ego to the neighbour, the formula the other way: it does not matter."""
-    unit = sensed._unit
+    given = law.geometry
     scenario = load("paper", ["control_step_s=0.02"])
     one = simulate(scenario, "double_integrator")
-    monkeypatch.setattr(
-        sensed, "_unit", lambda a, length: -unit(a, length) if a.ndim == 3 else unit(a, length)
-    )
+
+    def turned(*of):
+        seen = given(*of)
+        return replace(seen, g=-seen.g, d_dot=-seen.d_dot)
+
+    monkeypatch.setattr(law, "geometry", turned)
     other = simulate(scenario, "double_integrator")
     assert np.array_equal(one.u_mps2, other.u_mps2)
     assert np.array_equal(one.opinion, other.opinion)
     assert np.array_equal(one.front_m, other.front_m)
-    assert np.array_equal(one.distance_rate_mps, -other.distance_rate_mps)
-    assert np.abs(one.distance_rate_mps).max() > 0.1
+    assert np.array_equal(one.sensed_distance_rate_mps, -other.sensed_distance_rate_mps)
+    assert np.abs(one.sensed_distance_rate_mps).max() > 0.1
 
 
 def test_the_page_on_the_paper_leaves_nothing_out_and_shows_what_there_is():

@@ -52,7 +52,7 @@ _PATIENCE_S = 30.0
 _HEADER_BYTES, _MESSAGE, _END = 12, struct.Struct("<QQ"), 0
 """Of an .rrd: its header; of a message: its kind and its length; the kind of the end mark."""
 _NO_QPOS = np.empty((0, 0))
-_DRAW_S = 5.0
+_DRAW_S = 60.0
 """What is drawn follows the numbers to disk with this delay: it can be made of them again."""
 CHUNK_TICKS = 4096
 """Ticks that a finished file keeps together."""
