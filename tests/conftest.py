@@ -28,6 +28,7 @@ settings.load_profile("mjmerge")
 COUNTED = (
     "config/",
     "drivers/",
+    "envs/",
     "law/",
     "merges/",
     "plant/",

@@ -174,6 +174,10 @@ def test_options_that_are_none_are_refused(options, says):
         gymnasium.make("mjmerge/Merge-v0", **OFTEN).reset(options={"speed": 3})
     with pytest.raises(MjmergeError, match="no autoreset mode called 'nextstep': did you mean 'NextStep'"):
         gymnasium.make_vec("mjmerge/Merge-v0", num_envs=2, autoreset_mode="nextstep", **OFTEN)
+    with pytest.raises(MjmergeError, match="num_envs is 0; it must be at least 1"):
+        gymnasium.make_vec("mjmerge/Merge-v0", num_envs=0, **OFTEN)
+    with pytest.raises(MjmergeError, match=r"cases\[0\].*friction"):
+        gymnasium.make("mjmerge/Merge-v0", **OFTEN, cases=[{"friction": 0.3}])
 
 
 def test_without_gymnasium_it_says_what_to_install(monkeypatch):
