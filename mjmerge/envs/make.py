@@ -14,6 +14,7 @@ from mjmerge.envs.adversary import Adversary
 from mjmerge.envs.merge import Merge
 from mjmerge.envs.task import Task
 from mjmerge.errors import MjmergeError
+from mjmerge.scenario.effect import check as check_effect
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
@@ -78,7 +79,7 @@ def cases_of(task: Task, cases: Cases) -> tuple[Mismatch, ...]:
     """Mismatches to draw from; the scenario's own where none are given.
 
     Raises:
-        MjmergeError: one of them is none; with every problem, and its key.
+        MjmergeError: one of them is none, or changes nothing on the plant; with every problem, and its key.
     """
     if isinstance(cases, str | Mapping) or not isinstance(cases, Sequence):
         raise MjmergeError(f"cases must be a list of mismatches, got {described(cases)}")
@@ -94,6 +95,7 @@ def cases_of(task: Task, cases: Cases) -> tuple[Mismatch, ...]:
             found.append(case)
         else:
             raise MjmergeError(f"cases[{i}] must be a mismatch or a mapping, got {described(case)}")
+    check_effect(task.scenario, task.plant, mismatches=found)
     return tuple(found) or (own,)
 
 

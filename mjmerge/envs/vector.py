@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mjmerge.config.bounds import MOST_RUNS, whole
 from mjmerge.envs.episodes import Episodes, Ids, alone
 from mjmerge.envs.make import Cases, cases_of, draw, merging, opposing
 from mjmerge.envs.spaces import box
@@ -44,7 +45,8 @@ class Vector(VectorEnv[Array, Array, Any]):  # type: ignore[misc]  # types are o
             raise UnknownNameError("autoreset mode", str(named), modes)
         self.mode = modes[named]
         self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
-        self.task, self.num_envs, self.cases = task, num_envs, cases_of(task, cases)
+        self.task, self.cases = task, cases_of(task, cases)
+        self.num_envs = whole("num_envs", num_envs, 1, MOST_RUNS)
         self.single_observation_space, self.single_action_space = box(task.sees), box(task.acts)
         self.observation_space, self.action_space = box(task.sees, num_envs), box(task.acts, num_envs)
         self._episodes = Episodes(task, num_envs, threads)

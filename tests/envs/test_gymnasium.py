@@ -98,7 +98,7 @@ def test_many_are_what_gymnasium_makes_of_as_many_single_ones(name, mode):
         equal(told, says)
         early += got[2].any() and not got[2].all()
         over = got[2] | got[3]
-        over[3] |= k == 7  # in the middle of an episode
+        over[3] |= k % 13 == 5  # in the middle of an episode
         if mode is AutoresetMode.DISABLED and over.any():
             seed = rng.integers(100, size=4).tolist()
             again = (e.reset(seed=seed, options={"reset_mask": over.copy()}) for e in (mine, theirs))
@@ -136,6 +136,14 @@ def test_the_last_step_tells_the_verdict_and_when_each_hypothesis_broke():
         env.unwrapped.step(np.zeros(2))
 
 
+def test_an_episode_that_is_left_in_the_middle_is_over_and_tells_no_verdict():
+    env = gymnasium.make("mjmerge/Merge-v0", **OFTEN)
+    for steps in (3, 9):
+        env.reset(seed=0)
+        told = ["verdict" in env.step(np.zeros(2))[4] for _ in range(steps)]
+    assert told == [False] * 8 + [True]
+
+
 def test_episodes_draw_from_the_cases_and_from_nothing_else():
     env = gymnasium.make("mjmerge/Merge-v0", cases=CASES, **OFTEN)
     drawn = []
@@ -166,6 +174,10 @@ def test_options_that_are_none_are_refused(options, says):
         gymnasium.make("mjmerge/Merge-v0", **OFTEN).reset(options={"speed": 3})
     with pytest.raises(MjmergeError, match="no autoreset mode called 'nextstep': did you mean 'NextStep'"):
         gymnasium.make_vec("mjmerge/Merge-v0", num_envs=2, autoreset_mode="nextstep", **OFTEN)
+    with pytest.raises(MjmergeError, match="num_envs is 0; it must be at least 1"):
+        gymnasium.make_vec("mjmerge/Merge-v0", num_envs=0, **OFTEN)
+    with pytest.raises(MjmergeError, match=r"cases\[0\].*friction"):
+        gymnasium.make("mjmerge/Merge-v0", **OFTEN, cases=[{"friction": 0.3}])
 
 
 def test_without_gymnasium_it_says_what_to_install(monkeypatch):
