@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from hashlib import sha256
 from importlib.util import find_spec
@@ -91,6 +92,20 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     """Tests on a cluster are long ones, and are none where there is no Ray."""
     there = config.getoption("--long") and find_spec("ray") is not None
     return True if collection_path.name == "test_ray.py" and not there else None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of tests that are ``thinned``, some of their cases; with ``--long`` all."""
+    if config.getoption("--long"):
+        return
+    left, before = [], Counter[str]()
+    for item in items:
+        thinned, test = item.get_closest_marker("thinned"), item.nodeid.partition("[")[0]
+        if thinned is not None and before[test] % thinned.args[0]:
+            left.append(item)
+        before[test] += 1
+    config.hook.pytest_deselected(items=left)
+    items[:] = [item for item in items if item not in {*left}]
 
 
 @pytest.fixture(scope="session", autouse=True)

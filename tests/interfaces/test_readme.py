@@ -104,6 +104,7 @@ def test_a_row_of_charge_is_what_comes_of_its_run(row):
     says(verdict, found)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("row", LARGE_ROWS, ids=lambda row: row[0])
 def test_a_row_at_full_size_is_what_comes_of_its_run(row):
     name, _, gains, d_1, d_2, clearance, asked, verdict = row

@@ -23,7 +23,7 @@ from mjmerge.scenario.load import load
 from mjmerge.starts.make import make
 from tests.recording.damage import DAMAGES
 
-SHORT, LONG = {"mcap": 16, "rrd": 8}, 1000
+SHORT, LONG = {"mcap": 8, "rrd": 4}, 1000
 """Recordings per format; an .rrd takes a process more."""
 PARTS = 4
 """What they are dealt out to, so that several processes can share them."""

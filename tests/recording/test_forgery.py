@@ -155,6 +155,7 @@ def forger(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], For
     return of
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", FORGERIES)
 def test_a_consistent_forgery_is_found(forger, tmp_path: Path, name: str) -> None:
     forgery = FORGERIES[name]

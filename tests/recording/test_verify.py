@@ -83,6 +83,7 @@ def wrong(found: Verified) -> set[str]:
     return {check.name for check in found.checks if check.right is False}
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", RUNS)
 def test_what_a_run_writes_is_right(recorded, name: str, kind: str) -> None:
@@ -137,6 +138,7 @@ def test_what_is_written_again_unchanged_is_right(forger: Forger, tmp_path: Path
     assert verify(forger.write(tmp_path, unchanged)).right
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize(("tick", "car", "axis"), [(0, 0, 0), (57, 1, 1), (119, 2, 0)])
 @pytest.mark.parametrize("by_m", [-1e-6, 1e-6])
 def test_one_position_changed_by_a_micrometre_is_found(
@@ -240,6 +242,7 @@ def test_what_is_no_recording_is_unreadable(tmp_path: Path, content: bytes) -> N
         verify(path)
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("change", ["renamed", "edited", "gone"])
 def test_a_truthful_recording_stays_right_whatever_becomes_of_its_models(

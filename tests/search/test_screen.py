@@ -54,7 +54,7 @@ def repeated(name: str, repeats: int, runs: int = 600) -> list[Screened]:
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_interval_covers_whatever_the_cheap_one_gets_wrong(name, long):
-    found = repeated(name, 400 if long else 100)
+    found = repeated(name, 400 if long else 50)
     p = CASES[name][3]
     assert np.mean([one.whole.low <= p <= one.whole.high for one in found]) >= 0.9
     assert all(one.runs <= 600 for one in found)

@@ -24,6 +24,7 @@ def block(name):
     return re.search(rf"<!-- {name} -->\n```\w+\n(.*?)```", TEXT, re.DOTALL).group(1)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("words", "verdict", "why"), RUNS, ids=[words for words, _, _ in RUNS])
 def test_every_run_of_the_page_gets_the_verdict_it_says(words, verdict, why, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
