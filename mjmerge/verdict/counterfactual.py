@@ -20,7 +20,7 @@ IDEAL = "double_integrator"
 """The plant of the paper's proof."""
 
 _Case = tuple[int, Mismatch]
-_MOST_KNOWN = 4096
+_MOST_KNOWN = 1_000
 _TOGETHER = 256  # simulations at a time: what they leave behind is large, and only its least is kept
 
 
