@@ -12,7 +12,7 @@ from mjmerge.scenario.mismatch import Mismatch, column
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Mask
 from mjmerge.vehicle.actuation import ackermann
-from mjmerge.vehicle.delay import Past
+from mjmerge.vehicle.delay import Age, Past
 
 if TYPE_CHECKING:
     from mjmerge.world.model import World
@@ -34,9 +34,10 @@ class Arrivals:
         self._past: Past | None = None
         self._any = bool(delay_s.any())
         if self._any:
-            self._newer_s = np.floor(delay_s / step_s + 1e-9) * step_s
-            self._longest_s = float(self._newer_s.max()) + step_s
-            self._older_for_s = np.maximum(delay_s - self._newer_s, 0.0)
+            newer_s = np.floor(delay_s / step_s + 1e-9) * step_s
+            self._ages = [Age.of(age_s, step_s) for age_s in (newer_s + step_s, newer_s)]
+            self._longest_s = float(newer_s.max()) + step_s
+            self._older_for_s = np.maximum(delay_s - newer_s, 0.0)
 
     def __call__(self, command: Array) -> list[tuple[Array, Array]]:
         """The commands of the coming control step, (N, C, K), each with how long it is in force, s, (N, C).
@@ -49,9 +50,9 @@ class Arrivals:
             self._past = Past(np.zeros_like(command[:, 0]), self._longest_s, self.step_s)
         self._past.push(command[:, 0])
         late = []
-        for age_s in (self._newer_s + self.step_s, self._newer_s):
+        for age in self._ages:
             late.append(command.copy())
-            late[-1][:, 0] = self._past.ago(age_s)
+            late[-1][:, 0] = self._past.ago(age)
         older_for_s = np.zeros(command.shape[:2])
         older_for_s[:, 0] = self._older_for_s
         return [(older_for_s, late[0]), (self.step_s - older_for_s, late[1])]

@@ -23,7 +23,7 @@ from mjmerge.scenario.mismatch import Mismatch, column
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Controls, Mask, limit
 from mjmerge.vehicle.actuation import AIR_KG_PER_M3, CRAWL_MPS, ROLLS_MPS, bicycle_angle
-from mjmerge.vehicle.delay import Past, asked_s
+from mjmerge.vehicle.delay import Age, Past, asked_s
 from mjmerge.world.checks.parts import BRAKE, DRIVE, RESISTANCE, SENSORS, STEER
 from mjmerge.world.model import World
 
@@ -218,8 +218,8 @@ class MuJoCo:
         ticks, steps = np.divmod(late_steps, self._substeps)
         first = np.zeros((len(ticks), len(WHEELS) + 1))
         first[:, -1] = self._held[:, 0]  # who stands at first, holds until told otherwise
-        self._delay_s = ticks * self._step_s
-        self._late = Past(first, float(self._delay_s.max()), self._step_s)
+        delay_s = ticks * self._step_s
+        self._late, self._late_by = Past(first, float(delay_s.max()), self._step_s), Age(ticks, None)
         if steps.any():
             brakes = [model.actuator(f"{self._cars[0]}/{name}").id for name in BRAKE]
             self.batch.expand("actuator_delay")[:, brakes] = asked_s(steps, model.opt.timestep)[:, None]
@@ -329,7 +329,7 @@ class MuJoCo:
         held = self._holding(v, push, slope)
         if self._late is not None:
             self._late.push(np.concatenate([brake[:, 0], held[:, :1]], axis=1))
-            late = self._late.ago(self._delay_s)
+            late = self._late.ago(self._late_by)
             brake[:, 0], held = late[:, :-1], held.copy()
             held[:, 0] = late[:, -1] > 0.5
         self._held = held

@@ -102,9 +102,7 @@ def altered(world: World, mismatch: Mismatch) -> mujoco.MjModel:
     """
     model, m = copy.copy(world.model), mismatch
     ego = world.cars[0]
-    for car in world.cars:
-        for wheel, friction in zip(WHEELS, _friction(m), strict=True):
-            model.pair(f"{car}_road_{wheel}").friction[:2] = friction
+    model.pair_friction[world.pairs, :2] = _friction(m)[:, None]
     along, across = sin(m.grade_rad), cos(m.grade_rad) * sin(m.bank_rad)
     if along or across:
         down = cos(m.grade_rad) * cos(m.bank_rad)
@@ -239,7 +237,7 @@ def _differences(world: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, Arra
     if model is world:
         return {}
     pairs = ((name, _field(world, name), _field(model, name)) for name in (*_FIELDS, "opt.gravity"))
-    return {name: mine.copy() for name, theirs, mine in pairs if not np.array_equal(theirs, mine)}
+    return {name: mine.copy() for name, theirs, mine in pairs if (theirs != mine).any()}
 
 
 def _numbers(world: World, model: mujoco.MjModel, mismatch: Mismatch | None) -> dict[str, Array]:

@@ -17,7 +17,7 @@ from mjmerge.scenario.cars import believed_sheets
 from mjmerge.scenario.mismatch import SENSING, Mismatch, column
 from mjmerge.scenario.schema import Scenario
 from mjmerge.state import Array, Cars, Mask
-from mjmerge.vehicle.delay import Past
+from mjmerge.vehicle.delay import Age, Past
 from mjmerge.vehicle.foresight import Foresight
 
 _DRAWN_TICKS = 256  # random numbers are drawn for this many ticks at a time, so that batches cannot matter
@@ -52,15 +52,16 @@ class Sensing:
             return
         self._told_truth, self._neighbours = truth, neighbours
         self._step_s = step_s
-        (
-            self._delay_s, self._bias_m, self._behind_m, self._dropout, self._window_s, self._told_delay_s,
-        ) = (
+        delay_s, self._bias_m, self._behind_m, self._dropout, self._window_s, told_delay_s = (
             column(mismatches, name)
             for name in (
                 "sensing_delay_s", "neighbour_position_bias_m", "neighbour_reference_m", "neighbour_dropout",
                 "neighbour_velocity_window_s", "leader_acceleration_delay_s",
             )
         )  # fmt: skip
+        self._longest_s = float(delay_s.max()), float(told_delay_s.max())
+        self._ages = Age.of(delay_s, step_s), Age.of(told_delay_s, step_s)
+        self._tracks = bool(self._dropout.any() or self._window_s.any())
         self._told = np.array([m.leader_acceleration == "known" for m in mismatches])
         noise = {
             name: column(mismatches, name)
@@ -86,30 +87,31 @@ class Sensing:
         noise, lost = self._draw()
         truth = self._flat(cars)
         if self._truth is None:
-            longest = float(self._delay_s.max())
-            self._truth = Past(truth, longest, self._step_s)
-            self._u_1 = Past(u_1, float(self._told_delay_s.max()), self._step_s)
+            self._truth, self._u_1 = (
+                Past(now, s, self._step_s) for now, s in zip((truth, u_1), self._longest_s, strict=True)
+            )
         else:
             self._truth.push(truth)
             self._u_1.push(u_1)
-        seen = self._truth.ago(self._delay_s)
+        seen = self._truth.ago(self._ages[0])
         seen = np.where(self._deviation == 0, seen, seen + noise)
         own, others = seen[:, :_OWN], seen[:, _OWN:].reshape(len(seen), self._neighbours, _OTHER)
-        p_j, v_j = self._followed(others[..., :2], others[..., 2:], lost)
-        told = np.where(self._told[:, None], self._u_1.ago(self._told_delay_s), 0.0)
+        p_j, v_j = others[..., :2], others[..., 2:]
+        if self._tracks:
+            p_j, v_j = self._followed(p_j, v_j, lost)
+        told = np.where(self._told[:, None], self._u_1.ago(self._ages[1]), 0.0)
         return self._but_for_truth(cars, self._cars(cars, own, p_j, v_j)), told
 
     def _flat(self, cars: Cars) -> Array:
         """What there is to measure, (N, K), with the neighbours' measured points in place."""
-        n = len(cars.front_m)
-        heading = cars.heading_rad[:, 1:]
-        behind = self._behind_m[:, None]
-        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-        point = np.where(
-            behind[..., None] == 0, cars.front_m[:, 1:], cars.front_m[:, 1:] - behind[..., None] * ahead
-        )
-        bias = self._bias_m[:, None]
-        point[..., 0] = np.where(bias == 0, point[..., 0], point[..., 0] + bias)
+        n, point = len(cars.front_m), cars.front_m[:, 1:]
+        if self._behind_m.any():
+            behind, heading = self._behind_m[:, None, None], cars.heading_rad[:, 1:]
+            ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+            point = np.where(behind == 0, point, point - behind * ahead)
+        if self._bias_m.any():
+            bias = self._bias_m[:, None, None] * (1.0, 0.0)
+            point = np.where(bias == 0, point, point + bias)
         own = [cars.front_m[:, 0], cars.velocity_mps[:, 0]]
         own += [a[:, :1] for a in (cars.heading_rad, cars.speed_mps, cars.steer_rad)]
         others = np.concatenate([point, cars.velocity_mps[:, 1:]], axis=-1).reshape(n, -1)
@@ -136,7 +138,7 @@ class Sensing:
             p_j = np.where(gone, carried, p_j)
             self._positions.push(p_j)
             window = np.minimum(self._window_s, (self._tick - 1) * self._step_s)[:, None, None]
-            moved = p_j - self._positions.ago(window[:, 0, 0])
+            moved = p_j - self._positions.ago(Age.of(window[:, 0, 0], self._step_s))
             differs = window > 0
             v_j = np.where(differs, moved / np.where(differs, window, 1.0), v_j)
             v_j = np.where(gone & ~differs, self._last_v, v_j)

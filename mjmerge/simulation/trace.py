@@ -296,7 +296,11 @@ class Trace:
     @property
     def touching(self) -> Mask:
         """Whether two bodies touch at a tick or did since the last, (N, T, P); never where there are none."""
-        return (self.clearance_m <= 0) | (self.contact_impulse_n_s > 0)
+        return self.touching_in(slice(None))
+
+    def touching_in(self, runs: int | slice) -> Mask:
+        """The same of one simulation, (T, P), or of some."""
+        return (self.clearance_m[runs] <= 0) | (self.contact_impulse_n_s[runs] > 0)
 
     @property
     def touching_ego(self) -> Mask:

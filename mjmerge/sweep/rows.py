@@ -93,7 +93,8 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
     And one for each neighbour from the third on, and each metric of the scenario's own, by name, (N,).
     """
     bounds, metrics = trace.scenario.expect.metrics, metrics or {}
-    least = trace.min_distance_m.min(axis=1)  # NaN where any is unknown
+    least_m, edge_m = trace.min_distance_m, None if trace.edge_distance_m is None else trace.least_m[:, -1]
+    least = least_m.min(axis=1)  # NaN where any is unknown
     d = np.where(np.isnan(trace.distance_m), np.inf, trace.distance_m).min(axis=2)
     closest_s = trace.time_s[np.argmin(d, axis=1)]
     neighbours = len(trace.roster.neighbours)
@@ -118,7 +119,7 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
             "needed": verdict.needed,
             "without_barrier_m": verdict.without_barrier_m,
             "min_distance_m": _known(least[i]),
-            **{min_d_m(j): _known(d_j) for j, d_j in enumerate(trace.min_distance_m[i], 1)},
+            **{min_d_m(j): _known(d_j) for j, d_j in enumerate(least_m[i], 1)},
             "t_min_distance_s": _known(closest_s[i] if np.isfinite(least[i]) else np.nan),
             "min_clearance_m": _known(clearance[i]),
             "contact_impulse_n_s": _known(impulse[i]),
@@ -141,9 +142,9 @@ def rows(trace: Trace, verdicts: Sequence[Verdict], metrics: Mapping[str, Array]
         }
         if decided.least_z is None or not np.isfinite(decided.least_z):
             row["least_z"] = None
-        if trace.edge_distance_m is not None:
+        if edge_m is not None:
             off_s = None if verdict.ran_off is None else verdict.ran_off.time_s
-            row |= dict(zip(OF_THE_END, (_known(trace.least_m[i, -1]), off_s), strict=True))
+            row |= dict(zip(OF_THE_END, (_known(edge_m[i]), off_s), strict=True))
         row |= {METRIC + name: _known(of[i]) for name, of in metrics.items()}
         if bounds:
             row[METRICS_HELD] = own.held(bounds, metrics, i)

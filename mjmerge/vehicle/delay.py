@@ -19,6 +19,8 @@ the clock wanders by n ulp(t)/2 at most: in an hour, with the shortest step of 1
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -40,6 +42,27 @@ def asked_s(steps: ArrayLike, step_s: float) -> Array:
     return asked
 
 
+@dataclass(frozen=True)
+class Age:
+    """How long ago, for each of N simulations, in control ticks.
+
+    Attributes:
+        whole: whole ticks, (N,).
+        part: what is left of each, in [0, 1), (N,); ``None`` where none of them has any.
+    """
+
+    whole: NDArray[np.int64]
+    part: Array | None
+
+    @classmethod
+    def of(cls, age_s: Array, step_s: float) -> Age:
+        """Args: the ages, s, (N,); the control step, s."""
+        ticks = age_s / step_s
+        whole = np.floor(ticks + _WHOLE)
+        part = np.where(ticks - whole > _WHOLE, ticks - whole, 0.0)
+        return cls(whole.astype(np.int64), part if part.any() else None)
+
+
 class Past:
     """The last values of an array, one per control tick, read back at any age.
 
@@ -48,8 +71,8 @@ class Past:
 
     def __init__(self, first: Array, longest_s: float, step_s: float) -> None:
         """Args: what was there at first, (N, ...); the greatest age, s; the control step, s."""
-        self._step_s = step_s
         self._values = np.repeat(first[None], int(steps_late(longest_s, step_s)) + 2, axis=0)
+        self._runs = np.arange(len(first))
         self._at = 0
 
     def push(self, now: Array) -> None:
@@ -57,17 +80,12 @@ class Past:
         self._at = (self._at + 1) % len(self._values)
         self._values[self._at] = now
 
-    def ago(self, age_s: Array) -> Array:
-        """What it was, linearly between ticks, for the age of each simulation, (N,).
-
-        An age of whole ticks reads them exactly.
-        """
-        ticks = age_s / self._step_s
-        whole = np.floor(ticks + _WHOLE)
-        part = np.where(ticks - whole > _WHOLE, ticks - whole, 0.0)
-        runs = np.arange(len(age_s))
-        newer, older = (
-            self._values[(self._at - whole.astype(np.int64) - k) % len(self._values), runs] for k in (0, 1)
-        )
-        between = part.reshape(-1, *(1,) * (newer.ndim - 1))
-        return np.where(between == 0, newer, (1 - between) * newer + between * older)
+    def ago(self, age: Age) -> Array:
+        """What it was, linearly between ticks, (N, ...); an age of whole ticks reads them exactly."""
+        at = self._at - age.whole
+        newer: Array = self._values[at % len(self._values), self._runs]
+        if age.part is None:
+            return newer
+        older = self._values[(at - 1) % len(self._values), self._runs]
+        part = age.part.reshape(-1, *(1,) * (newer.ndim - 1))
+        return np.where(part == 0, newer, (1 - part) * newer + part * older)

@@ -97,9 +97,9 @@ def ran_off(trace: Trace, run: int = 0) -> RanOff | None:
 
 def collisions(trace: Trace, run: int = 0) -> list[Collision]:
     """Which bodies touched in one simulation, whoever they are: the first time of each pair, in order."""
-    found, cars = [], trace.roster.cars
+    found, cars, touching_at = [], trace.roster.cars, trace.touching_in(run)
     for i, (a, b) in enumerate(trace.roster.pairs):
-        touching = np.flatnonzero(trace.touching[run, :, i])
+        touching = np.flatnonzero(touching_at[:, i])
         if touching.size:
             first = touching[touching < touching[0] + max(1, round(_JOIN_S / trace.scenario.control_step_s))]
             speeds = trace.contact_speed_mps[run, first, i]
@@ -286,7 +286,7 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
         text = f"runs off the end of its lane at {speed:.2f} m/s, by {-least:.3f} m{within(start, end)}"
         add(start, "error", "ego", text)
     for i, (a, b) in enumerate(trace.roster.pairs):
-        for start, end in spans(trace.touching[run, :, i]):
+        for start, end in spans(trace.touching_in(run)[:, i]):
             impulse = np.nansum(trace.contact_impulse_n_s[run, start:end, i])
             speeds = trace.contact_speed_mps[run, start:end, i]
             first = speeds[np.argmax(speeds > 0)]

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,7 @@ with warnings.catch_warnings():  # dm_control looks for a window on import, and 
 
 
 _CLEARANCE_CUTOFF_M = 100.0
+_ROOM_S = 0.1  # delays of several simulations are kept room for in whole ones of these
 _LINE = re.compile(r", (id \d+, )?line \d+")
 
 
@@ -59,18 +61,20 @@ def build(scenario: Scenario, mismatch: Sequence[Mismatch] | None = None) -> Wor
         scenario: its models, steps and road.
         mismatch: what will be different in the simulations of this world; by default the scenario's.
 
-    One world serves them all: what differs from one to the next is set by the plant.
+    One world serves them all: what differs from one to the next is set by the plant. That of several has room
+    for some more delay than they ask for, and serves others like them.
 
     Raises:
         ModelError: a car model lacks something, or the composition lost an option.
     """
     mismatch = mismatch or (scenario.mismatch,)
+    delay_s, several = max(m.command_delay_s for m in mismatch), len(set(mismatch)) > 1
     return _made(
         dict(zip(scenario.roster.cars, scenario.car_models, strict=True)),
         tuple(markings(scenario)),
-        {"ego": max(m.command_delay_s for m in mismatch)},
+        {"ego": ceil(delay_s / _ROOM_S) * _ROOM_S if several else delay_s},
         sizes=tuple(_sizes(scenario)),
-        friction=mismatch[0].friction,
+        friction=1.0 if several else mismatch[0].friction,
         tyres="slip" if any(m.tyres == "slip" for m in mismatch) else "ideal",
         physics_step_s=scenario.physics_step_s,
         substeps=scenario.substeps,

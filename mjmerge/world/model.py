@@ -60,7 +60,7 @@ class World:
         found = getattr(self.model, kind)
         return np.array([[found(f"{car}/{name.format(w)}").id for w in WHEELS] for car in self.cars])
 
-    @property
+    @cached_property
     def pairs(self) -> NDArray[np.intp]:
         """Ids of the contacts of the wheels with the road, (C, 4)."""
         return np.array([[self.model.pair(f"{car}_road_{w}").id for w in WHEELS] for car in self.cars])

@@ -9,7 +9,7 @@ from mjmerge import judge, load, simulate
 from mjmerge.scenario.mismatch import SENSING, Mismatch
 from mjmerge.simulation.sensing import Sensing, exact
 from mjmerge.state import Cars
-from mjmerge.vehicle.delay import Past
+from mjmerge.vehicle.delay import Age, Past
 
 H = 0.01
 A, V = 0.4, 2.0  # all cars: x = x_0 + V t + A t^2/2, on a line
@@ -189,7 +189,7 @@ def test_the_past_is_what_was_pushed(values, age_s):
         past.push(np.array([value]))
     history = np.array([values[0]] * 25 + values)
     ticks = np.arange(len(history)) - (len(history) - 1)
-    assert past.ago(np.array([age_s]))[0] == pytest.approx(np.interp(-age_s / H, ticks, history), abs=1e-9)
+    assert past.ago(Age.of(np.array([age_s]), H))[0] == pytest.approx(np.interp(-age_s / H, ticks, history), abs=1e-9)
 
 
 @pytest.mark.parametrize("plant", ["double_integrator", "bicycle", "mujoco"])

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjmerge.vehicle.delay import Past, asked_s, steps_late
+from mjmerge.vehicle.delay import Age, Past, asked_s, steps_late
 
 STEPS_S = (1e-3, 2e-3, 5e-4, 1 / 3000, 7e-4, 0.02)
 MOTOR = """
@@ -89,10 +89,11 @@ def test_a_delay_of_parts_of_a_step_is_the_next_whole_number_of_them(delay_s, st
 @pytest.mark.parametrize("step_s", [0.01, 0.1, 0.02, 1 / 30, 0.07])
 def test_an_age_of_whole_ticks_reads_them_exactly_whatever_the_room(step_s):
     ages_s = np.arange(40) * step_s
+    ages = Age.of(ages_s, step_s)
     pasts = [Past(np.full(40, -1.0), longest_s, step_s) for longest_s in (ages_s[-1], 3 * ages_s[-1])]
     values = np.random.default_rng(1).normal(size=200)
     for k, value in enumerate(values):
         for past in pasts:
             past.push(np.full(40, value))
             expected = [values[k - i] if i <= k else -1.0 for i in range(40)]
-            assert past.ago(ages_s).tolist() == expected
+            assert past.ago(ages).tolist() == expected
