@@ -11,7 +11,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import cos, sin
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -73,9 +73,10 @@ class Truth:
         which = [kinds.setdefault(_physical(m), len(kinds)) for m in mismatch or ()]
         at = np.array(which if len(kinds) > 1 else [0])
         rows, differences = [], []
+        data, at_wheels = mujoco.MjData(world.model), _AtWheels.of(world)
         for kind in kinds or (None,):
-            model = world.model if kind is None else altered(world, kind)
-            rows.append(_numbers(world, model, kind))
+            model = world.model if kind is None else altered(world, kind, data)
+            rows.append(_numbers(world, model, kind, at_wheels, data))
             differences.append(_differences(world.model, model))
 
         def stacked(name: str) -> Array:
@@ -94,8 +95,13 @@ class Truth:
         return cls(changed=changed, tyres=Tyres(**tyres, step_s=step_s), **numbers)
 
 
-def altered(world: World, mismatch: Mismatch) -> mujoco.MjModel:
+def altered(world: World, mismatch: Mismatch, data: mujoco.MjData | None = None) -> mujoco.MjModel:
     """The world's model with a mismatch in it; the first car of the world is the ego.
+
+    Args:
+        world: the world.
+        mismatch: what is different.
+        data: room to compute in, of the world's model; by default new.
 
     Raises:
         ModelError: the world was built for shorter delays, or the car lacks what is to be changed.
@@ -113,7 +119,7 @@ def altered(world: World, mismatch: Mismatch) -> mujoco.MjModel:
         _resize_wheels(model, ego, m.wheel_radius)
         _respring(model, ego, m.suspension_stiffness)
         _reload(world, model, m)
-        mujoco.mj_setConst(model, mujoco.MjData(model))
+        mujoco.mj_setConst(model, data or mujoco.MjData(model))
     return model
 
 
@@ -126,9 +132,8 @@ def _friction(m: Mismatch) -> Array:
 def _limit(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
     """Motors, brakes and steering that can do less or more, and a servo that is slower or askew."""
     ego, sheet = world.cars[0], world.sheets[0]
-    names = {model.actuator(i).name for i in range(model.nu)}
     for drive in DRIVE:
-        if f"{ego}/{drive}" in names:
+        if f"{ego}/{drive}" in world.actuator_ids:
             model.actuator(f"{ego}/{drive}").ctrlrange[:] *= m.torque_limit
     for wheel in WHEELS:
         model.actuator(f"{ego}/brake_{wheel}").forcerange[:] *= m.brake_limit
@@ -157,8 +162,8 @@ def _delay(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
     """Dead time of motors and steering, see :mod:`mjmerge.vehicle.delay`; the brakes' is the plant's."""
     ego, step_s = world.cars[0], float(model.opt.timestep)
     late = int(steps_late(m.command_delay_s, step_s))
-    for i in range(model.nu):
-        if model.actuator(i).name.removeprefix(f"{ego}/") in DRIVE + STEER:
+    for name, i in world.actuator_ids.items():
+        if name.removeprefix(f"{ego}/") in DRIVE + STEER:
             room = int(model.actuator_history[i, 0])
             if late > room:
                 raise ModelError(
@@ -213,8 +218,8 @@ def _reload(world: World, model: mujoco.MjModel, m: Mismatch) -> None:
     for kind in ("geom", "site"):  # none lies in the frame of the inertia any more
         mine = getattr(model, f"{kind}_bodyid") == body.id
         same = getattr(model, f"{kind}_sameframe")
-        inertial = (mujoco.mjtSameFrame.mjSAMEFRAME_INERTIA, mujoco.mjtSameFrame.mjSAMEFRAME_INERTIAROT)
-        same[mine & np.isin(same, inertial)] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+        inertia, rotated = mujoco.mjtSameFrame.mjSAMEFRAME_INERTIA, mujoco.mjtSameFrame.mjSAMEFRAME_INERTIAROT
+        same[mine & ((same == inertia) | (same == rotated))] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
 
 
 def _offset(mass_kg: float, at_m: Array) -> Array:
@@ -240,30 +245,51 @@ def _differences(world: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, Arra
     return {name: mine.copy() for name, theirs, mine in pairs if (theirs != mine).any()}
 
 
-def _numbers(world: World, model: mujoco.MjModel, mismatch: Mismatch | None) -> dict[str, Array]:
+class _AtWheels(NamedTuple):
+    """Ids of what each car has at each wheel, (C, 4) each, and of the ego's steering."""
+
+    tyre: NDArray[np.intp]
+    brake: NDArray[np.intp]
+    spin: NDArray[np.intp]
+    wheel: NDArray[np.intp]
+    steering: int
+
+    @classmethod
+    def of(cls, world: World) -> _AtWheels:
+        return cls(
+            tyre=world.ids("geom", "tyre_{}"),
+            brake=world.ids("actuator", "brake_{}"),
+            spin=world.ids("joint", "spin_{}"),
+            wheel=world.ids("body", "wheel_{}"),
+            steering=world.actuator_ids[f"{world.cars[0]}/{STEER[0]}"],
+        )
+
+
+def _numbers(
+    world: World, model: mujoco.MjModel, mismatch: Mismatch | None, at: _AtWheels, data: mujoco.MjData
+) -> dict[str, Array]:
     """What the plant and the tyres need to know of a model, without its simulations' axis."""
     m, cars = mismatch or _NOTHING, len(world.cars)
     stiffness = world.cornering_stiffness_n_per_rad()
     if mismatch is not None:
         stiffness = np.where(m.tyres == "slip", world.number("cornering_stiffness_n_per_rad"), np.inf)
         stiffness[0] *= m.front_stiffness, m.rear_stiffness
-    on_axle = world.axle_mass_kg(model)
-    radius = model.geom_size[world.ids("geom", "tyre_{}"), 0]
+    on_axle = world.axle_mass_kg(model, data)
+    radius = model.geom_size[at.tyre, 0]
     on_wheel = np.repeat(on_axle / 2, 2, axis=1)
-    steering = model.actuator(f"{world.cars[0]}/{STEER[0]}").id
     steer_rate = np.ones(cars)
     steer_rate[0] = m.steer_rate_limit
     return {
         "friction": model.pair_friction[world.pairs, 0],
         "radius_m": radius,
-        "brake_limit_n_m": model.actuator_forcerange[world.ids("actuator", "brake_{}"), 1],
+        "brake_limit_n_m": model.actuator_forcerange[at.brake, 1],
         "mass_kg": on_axle.sum(axis=1),
         "down_mps2": -model.opt.gravity[2:],
         "steer_rate": steer_rate,
-        "late_steps": steps_late(model.actuator_delay[steering], float(model.opt.timestep)),
+        "late_steps": steps_late(model.actuator_delay[at.steering], float(model.opt.timestep)),
         "stiffness_n_per_rad": np.repeat(stiffness / 2, 2, axis=1),
         "wheel_mass_kg": on_wheel,
-        "spin_mass_kg": model.dof_M0[model.jnt_dofadr[world.ids("joint", "spin_{}")]] / np.square(radius),
-        "invweight_per_kg": model.body_invweight0[world.ids("body", "wheel_{}"), 0],
+        "spin_mass_kg": model.dof_M0[model.jnt_dofadr[at.spin]] / np.square(radius),
+        "invweight_per_kg": model.body_invweight0[at.wheel, 0],
         "load_n": on_wheel * np.linalg.norm(model.opt.gravity),
     }

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mjmerge.config.acts import WHEELS
 from mjmerge.config.bounds import check_runs
 from mjmerge.drivers import Traffic
 from mjmerge.law import Decision, Geometry, Law, Laws, Memory, Sensed, geometry
@@ -23,7 +24,7 @@ from mjmerge.simulation.log import Log, Sink
 from mjmerge.simulation.sensing import Sensing, foresight
 from mjmerge.simulation.trace import Stop, Trace
 from mjmerge.state import Array, Cars, Controls, Mask
-from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate
+from mjmerge.vehicle.actuation import BelievedCars, Feet, actuate, of_points
 
 if TYPE_CHECKING:
     from mjmerge.world.model import World
@@ -215,9 +216,12 @@ def ticks(
 
         # actuate
         u = np.concatenate([(decision.u if given is None else given)[:, None], u_j], axis=1)
-        stands = traffic.stands(cars, t, u_j)
-        controls = actuate(ahead, u, believed, law.eps_v_mps, h, feet, stands)
-        foresee.told(controls)
+        if plant in WHEELS:
+            stands = traffic.stands(cars, t, u_j)
+            controls = actuate(ahead, u, believed, law.eps_v_mps, h, feet, stands)
+            foresee.told(controls)
+        else:
+            controls = of_points(u)
 
         # record
         row = _row(cars, controls, moving.contacts()) | _of_law(law, memory, decision, len(names) - 1)

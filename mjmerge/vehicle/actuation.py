@@ -170,6 +170,22 @@ def actuate(
     )
 
 
+def of_points(u_mps2: Array) -> Controls:
+    """What points are told, which have neither wheels nor a heading of their own: u alone, (N, C, 2)."""
+    nothing = np.full(u_mps2.shape[:2], np.nan)
+    of_wheels = np.full((*nothing.shape, len(_DRIVE_SHARES["all"])), np.nan)
+    return Controls(
+        u_mps2=u_mps2,
+        a_mps2=nothing,
+        omega_radps=nothing,
+        steer_rad=nothing,
+        wheel_steer_rad=of_wheels[..., :2],
+        torque_n_m=of_wheels,
+        torque_clipped_n_m=nothing,
+        steer_clipped_rad=nothing,
+    )
+
+
 def command(cars: Cars, a_mps2: Array, steer_rad: Array, believed: BelievedCars) -> Controls:
     """Controls for an acceleration and a steering angle, as of a test driver: no law, no rate limit.
 

@@ -55,6 +55,11 @@ class World:
         stiffness = self.number("cornering_stiffness_n_per_rad")
         return np.where(self.tyres == "slip", stiffness, np.inf)
 
+    @cached_property
+    def actuator_ids(self) -> dict[str, int]:
+        """Of all actuators, by name, in their order."""
+        return {self.model.actuator(i).name: i for i in range(self.model.nu)}
+
     def ids(self, kind: str, name: str) -> NDArray[np.intp]:
         """Ids of what each car has at each wheel: ``ids("geom", "tyre_{}")`` is (C, 4)."""
         found = getattr(self.model, kind)
@@ -81,11 +86,18 @@ class World:
         mine = [j for j in joints if j.name.startswith(f"{car}/") and not j.name.startswith(f"{car}/spin_")]
         return np.concatenate([j.qposadr[0] + np.arange(len(j.qpos0)) for j in mine])
 
-    def axle_mass_kg(self, model: mujoco.MjModel | None = None) -> Array:
-        """What stands on each car's front and rear axle, (C, 2); of another model of the same cars."""
+    def axle_mass_kg(self, model: mujoco.MjModel | None = None, data: mujoco.MjData | None = None) -> Array:
+        """What stands on each car's front and rear axle, (C, 2); of another model of the same cars.
+
+        Args:
+            model: by default its own.
+            data: room to compute in, of any of these models; by default new, which takes its time to make.
+        """
         model = model or self.model
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
+        data = data or mujoco.MjData(model)
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
         found = []
         for car in self.cars:
             chassis = model.body(f"{car}/chassis")

@@ -189,7 +189,9 @@ def test_the_past_is_what_was_pushed(values, age_s):
         past.push(np.array([value]))
     history = np.array([values[0]] * 25 + values)
     ticks = np.arange(len(history)) - (len(history) - 1)
-    assert past.ago(Age.of(np.array([age_s]), H))[0] == pytest.approx(np.interp(-age_s / H, ticks, history), abs=1e-9)
+    assert past.ago(Age.of(np.array([age_s]), H))[0] == pytest.approx(
+        np.interp(-age_s / H, ticks, history), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("plant", ["double_integrator", "bicycle", "mujoco"])

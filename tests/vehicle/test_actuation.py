@@ -1,5 +1,7 @@
 """Actuation: always within limits, and honest about what it clipped."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -7,8 +9,16 @@ from hypothesis import strategies as st
 
 from mjmerge.scenario.cars import believed_sheets, data_sheet
 from mjmerge.scenario.load import load
-from mjmerge.state import Cars
-from mjmerge.vehicle.actuation import CRAWL_MPS, BelievedCars, Feet, ackermann, actuate, bicycle_angle
+from mjmerge.state import Cars, Controls
+from mjmerge.vehicle.actuation import (
+    CRAWL_MPS,
+    BelievedCars,
+    Feet,
+    ackermann,
+    actuate,
+    bicycle_angle,
+    of_points,
+)
 
 SHEET = data_sheet("rc")
 H, EPS_V = 0.01, 0.1
@@ -213,3 +223,12 @@ def test_a_heavier_belief_asks_for_more_torque():
     more = 3.74 * (1.0 + SHEET.rolling_resistance * 9.81) * SHEET.wheel_radius_m / 4
     assert two[0] - one[0] == pytest.approx(more)
     assert np.array_equal(two[1:], one[1:])
+
+
+def test_points_are_told_what_actuation_would_tell_them():
+    """Nothing but u: their steering angle is NaN, and so is all that follows from it."""
+    points = cars(steer=np.nan)
+    u = wanting(1.0, 0.5)
+    told, would = of_points(u), actuate(points, u, UNLIMITED, EPS_V, H)
+    for field in fields(Controls):
+        assert np.array_equal(getattr(told, field.name), getattr(would, field.name), equal_nan=True)
