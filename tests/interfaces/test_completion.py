@@ -85,6 +85,8 @@ MPC = ("--set", "law.kind", "=", "mpc")
     ("words", "names"),
     [
         ((*CHARGE, "mis"), ["mismatch."]),
+        ((*CHARGE, "sea"), ["search."]),
+        (("run", "charge", *MPC, "--set", "law.guarded", "="), ["true", "false"]),
         ((*CHARGE, "mismatch.fr"), ["mismatch.friction=", "mismatch.front_stiffness="]),
         ((*CHARGE, "mismatch."), [f"mismatch.{name}=" for name in Mismatch.model_fields]),
         ((*CHARGE, "initial.vehicle_"), ["initial.vehicle_1.", "initial.vehicle_2."]),
