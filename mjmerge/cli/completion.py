@@ -18,7 +18,7 @@ from mjmerge.roster import PLANTS
 
 @dataclass(frozen=True)
 class Completion:
-    """Print what completes commands, options and names in a shell: `eval "$(mjmerge completion bash)"`."""
+    """Print what completes commands, options, names and keys: `eval "$(mjmerge completion bash)"`."""
 
     shell: Annotated[Literal["bash", "zsh"], tyro.conf.Positional]
     """Which shell; the line above goes into ~/.bashrc or, with zsh in it, ~/.zshrc after compinit."""
