@@ -108,7 +108,7 @@ def _explained(model: type[Frozen], error: ErrorDetails) -> tuple[str, str]:
             what = meanings(spot.holder).get(spot.field, "")
             if not what and len(spot.inside) == 1:
                 what = (spot.inside[0].__doc__ or "").partition("\n")[0]
-            return f"missing; {what}" if what else "missing", spot.key
+            return f"missing; {what}".replace("``", "`").removesuffix("; "), spot.key
         case "extra_forbidden":
             return f"unknown key; {nearest(spot.field, _meant(model, spot))}", spot.key
         case "union_tag_not_found":
