@@ -20,7 +20,7 @@ import mjmerge
 from mjmerge.cli import COMMANDS, main
 
 ROOT = Path(__file__).parents[1]
-TOP = {"README.md": "overview.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+TOP = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Documents beside docs/, and what their pages are called."""
 DEEPER = (
     "mjmerge.law.Law",
@@ -69,7 +69,7 @@ def _examples() -> str:
 
 def _commands() -> str:
     """What each command says to ``--help``."""
-    exits = "[in the overview](overview.md#what-you-see)"
+    exits = "[under Running a merge](running.md#exit-codes)"
     parts = [f"# Command line\n\nWhat `mjmerge COMMAND --help` says. Exit codes are {exits}.\n"]
     for name in COMMANDS:
         said = io.StringIO()

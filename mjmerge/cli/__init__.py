@@ -9,7 +9,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from errno import ENAMETOOLONG
 from importlib import import_module
 from threading import Event, Timer, current_thread, main_thread
@@ -135,14 +135,26 @@ def _parsed(arguments: Sequence[str]) -> Any:
         raise MjmergeError(f"no command called {first!r}: {nearest(first, COMMANDS)}")
     if first == "--version":
         return _version
-    named = (Annotated[command(name), tyro.conf.subcommand(name)] for name in COMMANDS)
+    if not first:
+        with suppress(SystemExit):
+            _parsed(["--help"])
+        raise SystemExit(_BAD_INPUT)
+    every = ((name, command(name)) for name in COMMANDS)
+    named = (Annotated[c, tyro.conf.subcommand(n, description=_in_a_line(c))] for n, c in every)
     one_of: Any = Union[tuple(named)]  # noqa: UP007
     return tyro.cli(
         one_of,
         prog="mjmerge",
-        description="Does the merge that a paper proves safe survive real cars? (--version: which is this)",
+        description="Does the merge that a paper proves safe survive real cars? `mjmerge run paper` runs it, "
+        "`mjmerge COMMAND --help` says what a command takes, `mjmerge --version` which this is.",
         args=arguments,
     )
+
+
+def _in_a_line(made_by: Any) -> str:
+    """What a command does: the first sentence of its help."""
+    first: str = made_by.__doc__.split("\n\n")[0]
+    return first.partition(". Exit code")[0].rstrip(".") + "."
 
 
 def _version() -> int:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import tyro
 
 from mjmerge.cli import COMMANDS, command
+from mjmerge.cli.keys import table
 from mjmerge.config import shipped
 from mjmerge.roster import PLANTS
 
 
 @dataclass(frozen=True)
 class Completion:
-    """Print what completes commands, options and names in a shell: `eval "$(mjmerge completion bash)"`."""
+    """Print what completes commands, options, names and keys: `eval "$(mjmerge completion bash)"`."""
 
     shell: Annotated[Literal["bash", "zsh"], tyro.conf.Positional]
     """Which shell; the line above goes into ~/.bashrc or, with zsh in it, ~/.zshrc after compinit."""
@@ -72,19 +75,34 @@ def _literal(kind: Any) -> tuple[str, ...]:
 
 
 def script() -> str:
-    """A function for bash that offers what may come next; where nothing is known, files."""
+    """Functions for bash that offer what may come next; where nothing is known, files."""
     cases = []
     for name in COMMANDS:
         taken = list(options(command(name)))
-        after: dict[str, list[str]] = {}  # which options are followed by which words
+        after: dict[str, list[str]] = {}  # which options are followed by what
         for option in taken:
             if option.flags and option.takes:
-                after.setdefault(_words(option), []).extend(f"{name}:{flag}" for flag in option.flags)
-        cases += [f'      {"|".join(said)}) offer="{words}" ;;' for words, said in after.items()]
+                after.setdefault(_offered(option), []).extend(f"{name}:{flag}" for flag in option.flags)
+        cases += [f"      {'|'.join(said)}) {offered} ;;" for offered, said in after.items()]
         flags = " ".join(flag for option in taken for flag in option.flags)
         alone = " ".join(filter(None, (_words(option) for option in taken if not option.flags)))
         cases.append(f'      {name}:*) flags="{flags} --help" offer="{alone}" ;;')
-    return _SCRIPT.format(commands=" ".join(COMMANDS), cases="\n".join(cases))
+    text = Path(__file__).with_suffix(".sh").read_text(encoding="utf-8")
+    for name, put in {
+        "scenarios": shlex.quote(str(shipped.folder("scenarios"))),
+        "table": table(),
+        "commands": " ".join(COMMANDS),
+        "cases": "\n".join(cases),
+    }.items():
+        text = text.replace(f"@{name}@", put)
+    return text
+
+
+def _offered(option: Option) -> str:
+    """What the shell sets for what may follow an option: words, keys of a scenario, whether several."""
+    if option.takes in _KEYS:
+        return f"keys='{_KEYS[option.takes]}'"
+    return f'offer="{_words(option)}"' + (" many=1" if option.takes in _SEVERAL else "")
 
 
 def _words(option: Option) -> str:
@@ -107,10 +125,9 @@ def _variants() -> Collection[str]:
 
 
 def _axes() -> Collection[str]:
-    from mjmerge.scenario.axis import axes
-    from mjmerge.scenario.mismatch import Mismatch
+    from mjmerge.scenario.mismatch import Mismatch, is_number
 
-    return [f"mismatch.{name}" for name in axes(Mismatch)]
+    return [f"mismatch.{name}" for name in Mismatch.model_fields if is_number(name)]
 
 
 _NAMES: dict[str, Callable[[], Collection[str]]] = {
@@ -124,20 +141,7 @@ _NAMES: dict[str, Callable[[], Collection[str]]] = {
 }
 """What is known by a name, by the word that the help has for it."""
 
-_SCRIPT = """\
-_mjmerge() {{
-  local cur=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}} offer= flags=
-  if [ "$COMP_CWORD" -eq 1 ]; then
-    offer="{commands}" flags="--help --version"
-  else
-    case ${{COMP_WORDS[1]}}:$before in
-{cases}
-    esac
-  fi
-  case $cur in
-    -*) offer=$flags ;;
-  esac
-  COMPREPLY=($(compgen -W "$offer" -- "$cur"))
-}}
-complete -o default -F _mjmerge mjmerge
-"""
+_KEYS = {"KEY=VALUE": ".", "KEY=VALUES": "law[.]|actuation[.]"}
+"""Of which sections of a scenario a key may be, by the word that the help has for it."""
+_SEVERAL = ("AXIS",)
+"""What may follow each other after commas."""

@@ -30,8 +30,7 @@ class Explain:
     """
 
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO|RUN")]
-    """Name of a shipped scenario, the path of a YAML file, the folder of a run (of several runs it is the
-    worst) or of a finding, or a recording."""
+    """Name of a shipped scenario, a YAML file, a recording, or the folder of a run or of a finding."""
     plant: Annotated[str | None, unsaid(ANY_PLANT)] = None
     """What moves the cars; by default that of the run, or mujoco."""
     seed: Annotated[int | None, unsaid("N")] = None

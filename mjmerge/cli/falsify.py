@@ -59,8 +59,7 @@ class Falsify:
     plant: PlantName = "mujoco"
     """What moves the cars."""
     against: Annotated[str, tyro.conf.arg(metavar="PLANT|LAW")] = "double_integrator"
-    """Where the same behaviour must be safe: a plant, with nothing different in truth, or another law, on the
-    same plant with the same mismatch."""
+    """Where the same behaviour must be safe: a plant without mismatch, or another law with the same."""
     from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR", help_behavior_hint="")] = None
     """Look at the samples that failed in an estimate of `mjmerge probability`, in place of a search."""
     findings: Count = 3

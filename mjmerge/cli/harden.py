@@ -41,9 +41,12 @@ class Harden:
 
     scenario: ScenarioName
     """Name of a shipped scenario or the path of a YAML file; its section `search` says where to look."""
-    key: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=VALUES"), tyro.conf.UseAppendAction] = ()
-    """A key that is chosen, from LOW:HIGH or out of ONE,OTHER,.. (law.k_o=0.5:2); repeatable. By default
-    law.r_m, law.k_o, law.k_v, law.variant and actuation.inverse, as far as the law has them."""
+    key: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(metavar="KEY=VALUES", help_behavior_hint=""),
+        tyro.conf.UseAppendAction,
+    ] = ()
+    """A key that is chosen, law.k_o=LOW:HIGH or law.variant=ONE,OTHER; repeatable; by default the usual."""
     budget: Count = 256
     """Runs of each search."""
     tries: Count = 48
@@ -57,8 +60,7 @@ class Harden:
     plant: PlantName = "mujoco"
     """What moves the cars."""
     out: Annotated[Path | None, unsaid("DIR")] = None
-    """Folder for everything; by default hardened/<scenario>-<plant> with what else was set in its name, where
-    an earlier one makes way."""
+    """Folder for everything; by default hardened/<scenario>-<plant> and what else was set; it makes way."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
     machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009

@@ -32,8 +32,7 @@ class List:
         Literal["all", "scenarios", "campaigns", "models", "laws", "drivers", "plants", "metrics", "axes"],
         tyro.conf.Positional,
     ] = "all"
-    """Which kind to list: a line on each; of axes their unit, range, default, levels and plants; of drivers,
-    listed alone, the unit, default and meaning of each key."""
+    """Which kind to list; listed alone, axes and drivers have unit, default and meaning of each key."""
     json: Flag = False
     """Print one JSON object, by kind and name, and nothing else."""
 

@@ -54,8 +54,7 @@ class Probability:
     screen: Annotated[str | None, unsaid(ANY_PLANT)] = None
     """A cheap plant that looks first; the budget is then of runs that correct what it says."""
     out: Annotated[Path | None, unsaid("DIR")] = None
-    """Folder for everything; by default probabilities/<scenario>-<plant> with what else was set in its
-    name."""
+    """Folder for everything; by default probabilities/<scenario>-<plant> and what else was set."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
     machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009

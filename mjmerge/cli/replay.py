@@ -17,7 +17,7 @@ class Replay:
     run: RunPath
     """A run folder, or a .mcap or .rrd file, finished or not."""
     any_code: Flag = False
-    """Run drivers from outside though their code here is not what the recording carries."""
+    """Run laws, drivers and metrics from outside though their code here is not what the recording carries."""
     threads: Count = 0
     """Threads for the physics, 0 for all cores; does not change the result."""
     json: Flag = False

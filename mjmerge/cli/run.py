@@ -44,8 +44,7 @@ class Run:
     continuous: Flag = False
     """Law and plant as one differential equation, solved to 1e-10; for the plants other than mujoco."""
     explain: Flag = False
-    """Say why an unsafe run fails, of several the worst: what it needs, what is enough; in its report, too.
-    It takes some tens of further runs."""
+    """Say why an unsafe run fails (of several the worst), in its report, too; takes tens of further runs."""
     live: Flag = False
     """Show the run in a Rerun viewer while it goes on, in real time."""
     live_at: Annotated[str | None, unsaid("127.0.0.1:PORT")] = None

@@ -29,27 +29,25 @@ class Sweep:
     kept: ClassVar[str] = "what is finished is kept; run it again to go on"
 
     what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="CAMPAIGN|SCENARIO")]
-    """Name of a shipped campaign (see `mjmerge list campaigns`) or the path of a YAML file; with --ladder and
-    --break, a scenario."""
+    """Name of a shipped campaign, or the path of a YAML file; with --ladder and --break, of a scenario."""
     out: Annotated[Path | None, unsaid("DIR")] = None
-    """Folder for everything; by default sweeps/<campaign>, ladders/<scenario> or breaking/<scenario>-<plant>,
-    with the axes and what else was set in its name."""
+    """Folder for everything; by default one in sweeps/, ladders/ or breaking/, named after what was asked."""
     workers: Count = 0
     """Processes to spread over, 0 for one per core; does not change the result."""
     machines: Annotated[Machines, tyro.conf.arg(name="")] = Machines()  # noqa: RUF009
     """Who does the work."""
     part: Annotated[str | None, unsaid("K/N")] = None
-    """Run every N-th shard of a campaign, from the K-th on: for job arrays. All parts use the same folder, in
-    any order or at once; whichever finds everything there writes the table."""
+    """Run every N-th shard of a campaign, from the K-th on, in a folder that all parts share: job arrays."""
     merge: Annotated[tuple[Path, ...] | None, unsaid("DIR [DIR ...]")] = None
     """Run nothing, but make one table of parts that were run with an --out of their own."""
     ladder: Flag = False
     """Run the scenario from the paper's own world to physical cars, rung by rung: what each costs."""
     break_: Annotated[
-        tuple[str, ...], tyro.conf.arg(name="break", metavar="AXIS"), tyro.conf.UseAppendAction
+        tuple[str, ...],
+        tyro.conf.arg(name="break", metavar="AXIS", help_behavior_hint=""),
+        tyro.conf.UseAppendAction,
     ] = ()
-    """Find the smallest mismatch that breaks the scenario, as in `--break mismatch.friction` or, with a
-    range, `--break mismatch.friction=1:0.1`; repeatable. `--break AXIS,OTHER` finds the frontier of two."""
+    """Find the smallest mismatch that breaks it: AXIS or AXIS=START:END, repeatable; frontier: AXIS,OTHER."""
     until: Literal["unsafe", "floor"] = "unsafe"
     """With --break, what counts as broken: d_j <= 0 or touching bodies, or the scenario's safety floor."""
     plant: PlantName = "mujoco"

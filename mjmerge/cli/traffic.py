@@ -31,7 +31,7 @@ class Traffic:
     CommonRoad file, for others' tools.
     """
 
-    file: Annotated[Path, tyro.conf.Positional]
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """CommonRoad 2020a (.xml), or a table (.csv) with --map; with --export, the .xml file to write."""
     map: Annotated[str, unsaid("NAME|FILE")] = ""
     """Columns of a table: ngsim, highd, or a YAML file like theirs; by default what its header fits."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic_core import ErrorDetails
@@ -53,6 +53,24 @@ def _models_in(annotation: Any) -> Iterator[type[Frozen]]:
         yield from _models_in(part)
 
 
+def _meant(model: type[Frozen], spot: _Spot) -> Iterable[str]:
+    """Keys of that very name that stand elsewhere, the least deep; where another kind has it, this one's."""
+    found = {*_keys(model, spot.field)}
+    least = min((key.count(".") for key in found), default=0)
+    elsewhere = [key for key in found if key.count(".") == least]
+    return elsewhere if elsewhere and spot.key not in found else spot.holder.model_fields
+
+
+def _keys(model: type[Frozen], name: str, at: str = "") -> Iterator[str]:
+    """Every key of the model that ends with this name, but for those in lists and of names of one's own."""
+    for field, info in model.model_fields.items():
+        if field == name:
+            yield f"{at}{field}"
+        if get_origin(info.annotation) not in (tuple, dict):
+            for section in _models_in(info.annotation):
+                yield from _keys(section, name, f"{at}{field}.")
+
+
 def _kind(driver: type[Frozen]) -> str:
     kind: str = driver.model_fields["kind"].default
     return kind
@@ -90,9 +108,9 @@ def _explained(model: type[Frozen], error: ErrorDetails) -> tuple[str, str]:
             what = meanings(spot.holder).get(spot.field, "")
             if not what and len(spot.inside) == 1:
                 what = (spot.inside[0].__doc__ or "").partition("\n")[0]
-            return f"missing; {what}" if what else "missing", spot.key
+            return f"missing; {what}".replace("``", "`").removesuffix("; "), spot.key
         case "extra_forbidden":
-            return f"unknown key; {nearest(spot.field, spot.holder.model_fields)}", spot.key
+            return f"unknown key; {nearest(spot.field, _meant(model, spot))}", spot.key
         case "union_tag_not_found":
             return f"missing; one of {', '.join(sorted(map(_kind, spot.inside)))}", f"{spot.key}.kind"
         case "union_tag_invalid":

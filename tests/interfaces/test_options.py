@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
+from itertools import pairwise
 
 import pytest
 
-from mjmerge.cli import COMMANDS, command
+from mjmerge.cli import COMMANDS, command, main
 from mjmerge.cli.completion import options
 
 OWN = {"--method"}
@@ -44,3 +46,25 @@ def test_what_is_recorded_and_what_is_simulated_is_called_so_everywhere():
     assert [alone[name] for name in (*recorded, "compare")] == [["RUN"]] * len(recorded) + [["RUN", "RUN"]]
     for name in ("run", "falsify", "probability", "harden", "export"):
         assert alone[name] == ["SCENARIO"]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_is_said_of_an_option_fits_on_a_line(name, capsys, monkeypatch):
+    """In a wide window; tyro would keep the breaks of a docstring's lines in a narrow one."""
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit):
+        main([name, "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    boxed = [line.strip("│ ") if line[1:].startswith("     ") else "" for line in lines]
+    assert [line for line, after in pairwise(boxed) if line and after] == []
+
+
+def test_no_command_is_bad_input_and_answered_by_a_line_for_each(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "140")
+    with pytest.raises(SystemExit) as end:
+        main([])
+    said = capsys.readouterr().out
+    assert end.value.code == 2
+    lines = re.findall(r"^[│ ]   • (\w+) +(\S.*?\S) *│?$", said, re.MULTILINE)
+    assert tuple(name for name, _ in lines) == COMMANDS
+    assert all(line.endswith(".") and "Exit code" not in line for _, line in lines)

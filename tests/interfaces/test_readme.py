@@ -1,4 +1,4 @@
-"""The README: what it shows comes of its runs; commands, files and links are there; numbers are right."""
+"""README and pages: what they show comes of its runs; commands, files, links are there; numbers are right."""
 
 import json
 import re
@@ -26,7 +26,19 @@ from mjmerge.sweep.campaign import plan
 from mjmerge.sweep.plan import MISMATCH
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
+}
+README, RUNNING, SCENARIOS, CAMPAIGNS, PYTHON, SEARCH = (
+    PAGES[name]
+    for name in (
+        "README.md",
+        *(f"docs/{name}.md" for name in ("running", "scenarios", "campaigns", "python", "search")),
+    )
+)
+ONE_SCREEN = 80
+NAVIGATION = {*re.findall(r"[\w/]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))}
 CHARGE = {
     "`double_integrator` (the proof)": ["--plant", "double_integrator"],
     "`bicycle`": ["--plant", "bicycle"],
@@ -40,23 +52,21 @@ CHARGE = {
 """The rows of the table of ``charge``, and how each is run."""
 
 
-def table(head):
+def table(text, head):
     """Rows of the table that begins so, each a list of cells."""
-    lines = TEXT[TEXT.index(head) :].split("\n\n")[0].splitlines()[2:]
+    lines = text[text.index(head) :].split("\n\n")[0].splitlines()[2:]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
-def blocks(language):
+def blocks(text, language):
     """Code blocks of a language, one after the other."""
-    return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
 def commands():
-    """Every command of ours, in a block or in a sentence."""
-    lines = [line for block in blocks("sh") for line in block.splitlines()]
-    spoken = re.findall(r"(?<!`)`(mjmerge [^`\n]+)`(?!`)", TEXT)
-    split = [tuple(shlex.split(line, comments=True)) for line in (*lines, *spoken)]
-    return [words for words in dict.fromkeys(split) if words[:1] == ("mjmerge",)]
+    """Every command of ours in a sentence; tests/interfaces/test_site.py has those in blocks."""
+    spoken = [line for text in PAGES.values() for line in re.findall(r"(?<!`)`(mjmerge [^`\n]+)`(?!`)", text)]
+    return [*dict.fromkeys(tuple(shlex.split(line)) for line in spoken)]
 
 
 COMMANDS = commands()
@@ -64,7 +74,7 @@ COMMANDS = commands()
 
 def claim(line):
     """What is said after the line of a command."""
-    return re.search(rf"^{re.escape(line)} +# (.*)$", TEXT, re.MULTILINE)[1]
+    return re.search(rf"^{re.escape(line)} +# (.*)$", RUNNING + CAMPAIGNS, re.MULTILINE)[1]
 
 
 @cache
@@ -87,8 +97,8 @@ def says(cell, found):
         assert quoted.strip() in found["reason"]
 
 
-CHARGE_ROWS = table("| `charge` | min d_1")
-LARGE_ROWS = table("| `mujoco`, 25 m/s |")
+CHARGE_ROWS = table(README, "| `charge` | min d_1")
+LARGE_ROWS = table(RUNNING, "| `mujoco`, 25 m/s |")
 
 
 def test_every_row_of_charge_is_known():
@@ -120,7 +130,7 @@ def test_a_row_at_full_size_is_what_comes_of_its_run(row):
 
 
 def test_most_of_that_is_scale():
-    said = re.search(r"the double integrator keeps ([\d.]+ m) and ([\d.]+ m) on `highway`", TEXT)
+    said = re.search(r"the double integrator keeps ([\d.]+ m) and ([\d.]+ m) on `highway`", RUNNING)
     for cell, name in zip(said.groups(), ("highway", "highway_paper_gains"), strict=True):
         trace = mjmerge.simulate(mjmerge.load(name), "double_integrator")
         same(cell, trace.min_distance_m.min(), 2)
@@ -156,16 +166,16 @@ def test_charge_and_blocked_are_as_they_are_told():
 
 
 def test_what_is_without_effect_is_refused_with_the_plants_that_have_it(capsys):
-    (line,) = re.findall(r"`(mjmerge run [^`]*)` is refused", TEXT)
+    (line,) = re.findall(r"`(mjmerge run [^`]*)` is refused", RUNNING)
     with pytest.raises(SystemExit) as stop:
         main([*shlex.split(line)[1:], "--no-record"])
     assert stop.value.code == 2
     assert "mujoco" in capsys.readouterr().err
 
 
-def test_the_first_run_prints_what_the_readme_shows(capsys):
+def test_the_first_run_prints_what_is_shown(capsys):
     """Line by line, but for how fast it was; ``mjmerge run paper`` records, which changes no number."""
-    shown = re.search(r"```\n(paper on mujoco.*?)\nlook at it", TEXT, re.DOTALL).group(1)
+    shown = re.search(r"```\n(paper on mujoco.*?)\nlook at it", RUNNING, re.DOTALL).group(1)
     with pytest.raises(SystemExit):
         main(["run", "paper", "--no-record"])
     printed = " ".join(capsys.readouterr().out.split())
@@ -175,7 +185,7 @@ def test_the_first_run_prints_what_the_readme_shows(capsys):
 
 def test_the_lines_of_python_run_and_shapes_are_as_they_say():
     """In 0.2 s of simulated time, of twelve."""
-    (code,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    (code,) = blocks(PYTHON, "python")
     names: dict[str, object] = {}
     short = code.replace('"mismatch.friction=0.4"', '"mismatch.friction=0.4", "duration_s=0.2"')
     exec(short, names)
@@ -194,13 +204,15 @@ def test_every_command_is_one_with_its_options(words):
 
 
 def test_every_option_that_is_told_of_is_one():
-    told = {*re.findall(r"`(--[a-z][\w-]*)", TEXT)}
+    told = {*re.findall(r"`(--[a-z][\w-]*)", "".join(PAGES.values()))}
     every = {flag for name in EVERY for option in options(command(name)) for flag in option.flags}
     assert told
     assert told <= {*every, "--version"}
 
 
-@pytest.mark.parametrize("text", blocks("yaml"), ids=lambda text: text.splitlines()[0])
+@pytest.mark.parametrize(
+    "text", blocks(SCENARIOS + CAMPAIGNS + SEARCH, "yaml"), ids=lambda text: text.splitlines()[0]
+)
 def test_every_file_that_is_shown_can_be_read(text):
     shown = parse(text).value
     if "blocks" in shown:
@@ -213,7 +225,7 @@ def test_every_file_that_is_shown_can_be_read(text):
 
 def test_the_scenario_that_is_shown_runs_and_keeps_its_floor(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (text,) = [block for block in blocks("yaml") if "A short merge behind" in block]
+    (text,) = [block for block in blocks(SCENARIOS, "yaml") if "A short merge behind" in block]
     Path("my_merge.yaml").write_text(text)
     with pytest.raises(SystemExit) as stop:
         main(["run", "my_merge.yaml", "--plant", "bicycle", "--no-record", "--json"])
@@ -233,15 +245,15 @@ def test_campaigns_have_as_many_runs_and_axes_as_they_say():
 
 
 def test_the_kinds_of_drivers_and_who_can_lead():
-    assert sorted(row[0].strip("`") for row in table("| kind | what")) == sorted(kinds())
-    said = re.search(r"list drivers`\): (.*?) can lead; (.*?) follow the car ahead", TEXT, re.DOTALL)
+    assert sorted(row[0].strip("`") for row in table(SCENARIOS, "| kind | what")) == sorted(kinds())
+    said = re.search(r"list drivers`\): (.*?) can lead; (.*?) follow the car ahead", SCENARIOS, re.DOTALL)
     for names, lead in zip(said.groups(), (True, False), strict=True):
         assert {*re.findall(r"`(\w+)`", names)} == {n for n, cls in kinds().items() if cls.can_lead is lead}
 
 
 def test_the_events_that_are_shown_are_those_of_the_run():
     pattern = r"`platoon_8_small`[^`]*the events of its recording:\n\n```\n(.*?)```"
-    block = re.search(pattern, TEXT, re.DOTALL)[1]
+    block = re.search(pattern, SCENARIOS, re.DOTALL)[1]
     happened = mjmerge.events(mjmerge.simulate(mjmerge.load("platoon_8_small")))
     shown = [e for e in happened if e.car == "ego" and e.text.startswith(("chooses", "merged"))]
     lines = [f"{e.time_s:.2f} s  {e.car}   {e.text}" for e in shown]
@@ -249,6 +261,7 @@ def test_the_events_that_are_shown_are_those_of_the_run():
 
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+VERSION = PROJECT["version"]
 NUMBERS = {
     r"Python (3\.\d+ or 3\.\d+);": lambda: " or ".join(
         line.rpartition(" ")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line
@@ -259,7 +272,7 @@ NUMBERS = {
         else ""
     ),
     r"numbered on, up to (\d+):": lambda: str(MOST_CARS - 1),
-    r"two-sided to ([\d.]+) mm": lambda: f"{1e3 * TOLERANCE_M:g}",
+    r"measured before, to ([\d.]+) mm \|": lambda: f"{1e3 * TOLERANCE_M:g}",
     r"of its own with (\d+ s and \d+ GB)": lambda: f"{MOST_SECONDS} s and {MOST_MEMORY_BYTES >> 30} GB",
     r"([\d.]+) m for `rc`": lambda: f"{mjmerge.load('paper').r_m:g}",
     r"([\d.]+) m for `sedan`": lambda: f"{mjmerge.load('highway').r_m:g}",
@@ -269,17 +282,50 @@ NUMBERS = {
 
 @pytest.mark.parametrize("pattern", NUMBERS)
 def test_a_number_in_a_sentence_is_the_codes(pattern):
-    (said,) = {*re.findall(pattern, TEXT)}
+    (said,) = {said for text in PAGES.values() for said in re.findall(pattern, text)}
     assert said == NUMBERS[pattern]()
 
 
-def test_every_link_and_file_is_there():
-    links = re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", TEXT)
-    paths = re.findall(r"`((?:mjmerge|scenarios|models|docs|examples)/[\w./]*)`", TEXT)
-    links += [(path, "") for path in paths]
-    assert len(links) > 20
-    for path, anchor in links:
+def test_the_readme_is_one_screen():
+    assert len(README.splitlines()) <= ONE_SCREEN
+
+
+def test_ci_does_what_the_readme_says():
+    ran = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    run_it, work_on_it = (block.strip().split(" && ") for block in blocks(README, "sh"))
+    make, install, test = work_on_it
+    assert f"{make} && {install}\n" in ran
+    assert f" {test}\n" in ran
+    assert run_it == [make, install.replace("-e '.[dev]'", "."), ".venv/bin/mjmerge run paper"]
+
+
+def test_every_extra_is_in_the_table_of_extras():
+    named = {row[0].strip("`") for row in table(PAGES["docs/start.md"], "| extra | brings")}
+    assert named == {*PROJECT["optional-dependencies"]}
+
+
+def test_the_version_is_the_same_wherever_it_stands():
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[1] == VERSION
+    assert re.findall(r"^## \[?([\d.]+)", changes, re.MULTILINE)[0] == VERSION
+
+
+def anchors(text):
+    """Names of the headings of a page, as forges make them."""
+    heads = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_link_and_file_of_a_page_is_there(name):
+    """From the README without the site; pages also lead to pages that only the site has."""
+    links = re.findall(r"\]\((?![a-z]+:)([^)#]*)(?:#([^)]*))?\)", PAGES[name])
+    for path in re.findall(r"`((?:mjmerge|scenarios|models|docs|examples|tests)/[\w./]*)`", PAGES[name]):
         assert (ROOT / path).exists(), path
+    for path, anchor in links:
+        if "/" in name and path in NAVIGATION:
+            continue
+        there = (ROOT / name).parent / path if path else ROOT / name
+        assert there.exists(), path
         if anchor:
-            heads = re.findall(r"^#+ (.*)$", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE)
-            assert anchor in {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+            assert anchor in anchors(there.read_text(encoding="utf-8")), f"{path}#{anchor}"

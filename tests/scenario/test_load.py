@@ -76,7 +76,7 @@ MALFORMED = {
         "drivers:",
         "expect_:",
         "drivers",
-        "missing; Who drives the neighbours",
+        "missing; Who drives the neighbours; `mjmerge list drivers` shows the kinds.",
         "description",
     ),
     "missing key": ("  r_rho_m: -1.206\n", "", "law.r_rho_m", "missing; Offset r^rho of the target", "law:"),
