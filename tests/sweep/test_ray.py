@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 from typing import TypeVar
 
@@ -99,7 +100,10 @@ def kept(out: str) -> dict[str, bytes]:
     folder = Path(out)
     found = {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
     found[SAMPLED] = found.get(SAMPLED, b"").replace(b"]\n[", b", ")
-    return {name: data.replace(f"{out}/".encode(), b"out/") for name, data in found.items()}
+    own = [(f"{out}/".encode(), b"out/"), (f'"out": "{out}"'.encode(), b'"out": "out"')]
+    for name, (mine, any_) in product(found, own):
+        found[name] = found[name].replace(mine, any_)
+    return found
 
 
 def processes() -> Iterator[tuple[int, int, int, str]]:

@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjmerge.cli import main
+from mjmerge.config import doors
 from mjmerge.errors import MjmergeError, WorkerError
 from mjmerge.sweep import campaign, elsewhere, losses
 from mjmerge.sweep.elsewhere import unlike
@@ -337,6 +338,17 @@ def test_where_the_code_or_a_version_is_another_nothing_is_done(other, monkeypat
                 team.each(doubled, [13] * 10)  # which would kill
             assert ("numpy" if other == "versions" else "another mjmerge's code") in str(raised.value)
             assert team.losses == 0
+
+
+def test_code_from_outside_is_what_the_command_read_whatever_became_of_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(doors, "_carried", {})
+    (tmp_path / "mine.py").write_text("def made():\n    return 1\n")
+    made = doors.resolve(f"{tmp_path / 'mine.py'}:made")
+    sent = elsewhere.sent(made)
+    (tmp_path / "mine.py").unlink()
+    assert doors.let_in()[str(tmp_path / "mine.py")] == "def made():\n    return 1\n"
+    del sys.modules[made.__module__]  # as in another process
+    assert elsewhere.do(*sent) == 1
 
 
 def test_a_task_that_cannot_be_read_there_is_told():
