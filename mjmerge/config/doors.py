@@ -14,7 +14,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.abc import Loader, MetaPathFinder
@@ -262,20 +262,30 @@ def code_of(name: str) -> Code:
 
 
 def let_in() -> dict[str, str]:
-    """Of each file that this process has let in, its text, by path."""
-    ours = [name.removeprefix(_PREFIX) for name in [*sys.modules] if name.startswith(_PREFIX)]
-    found = {}
-    for path in (os.fsdecode(bytes.fromhex(name)) for name in ours):
-        with suppress(DoorError):  # gone meanwhile: who needs it says so
-            found[path] = _read(Path(path)).decode("utf-8", errors="surrogateescape")
-    return found
+    """Of each file that this process has let in, its text as it was then, by path."""
+    ours = [(name, module) for name, module in [*sys.modules.items()] if name.startswith(_PREFIX)]
+    return {
+        os.fsdecode(bytes.fromhex(name.removeprefix(_PREFIX))): module.__source__.decode(*_TEXT)
+        for name, module in ours
+        if hasattr(module, "__source__")  # or it is being read at this moment
+    }
 
 
 def carry(texts: Mapping[str, str]) -> None:
-    """Brings the text of files that this machine may not have; these count, whatever is there."""
-    _carried.update({path: text.encode("utf-8", errors="surrogateescape") for path, text in texts.items()})
+    """Brings the text of files that this machine may not have; these count, whatever is there.
+
+    Raises:
+        DoorError: it takes the place of another, and does not run.
+    """
+    for path, text in texts.items():
+        data, there = text.encode(*_TEXT), sys.modules.get(_PREFIX + os.fsencode(path).hex())
+        if getattr(there, "__source__", None) != data:
+            _carried[path] = data
+            if there is not None:
+                _of_file(Path(path))
 
 
+_TEXT = ("utf-8", "surrogateescape")
 _carried: dict[str, bytes] = {}
 
 
@@ -294,9 +304,9 @@ def _read(path: Path) -> bytes:
 
 def _of_file(path: Path) -> ModuleType:
     """A file as a module; read again if it has changed."""
-    name, digest = _PREFIX + os.fsencode(path).hex(), sha256(_read(path)).hexdigest()
+    name, data = _PREFIX + os.fsencode(path).hex(), _read(path)
     there = sys.modules.get(name)
-    if there is not None and getattr(there, "__sha256__", None) == digest:
+    if there is not None and getattr(there, "__source__", None) == data:
         return there
     sys.modules.pop(name, None)
     with told(path):
@@ -374,7 +384,7 @@ class _Files(MetaPathFinder, Loader):
         path = Path(str(module.__spec__.origin))
         data = _read(path)
         module.__file__ = str(path)
-        module.__dict__["__sha256__"] = sha256(data).hexdigest()
+        module.__dict__["__source__"] = data
         sys.path.insert(0, str(path.parent))
         try:
             exec(compile(data, str(path), "exec"), module.__dict__)

@@ -93,7 +93,7 @@ def _starting() -> Iterator[None]:
 
     Ctrl-C is held back for ever in the processes that start: it is their parent's to handle.
     """
-    with _held(signal.SIGTERM), _held(signal.SIGINT):
+    with held(signal.SIGTERM), held(signal.SIGINT):
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             yield
@@ -102,7 +102,7 @@ def _starting() -> Iterator[None]:
 
 
 @contextmanager
-def _held(number: signal.Signals) -> Iterator[None]:
+def held(number: signal.Signals) -> Iterator[None]:
     """Handles a signal that comes meanwhile at the end, whichever thread the system gives it to."""
     before = signal.getsignal(number)
     if before in (signal.SIG_IGN, None) or threading.current_thread() is not threading.main_thread():

@@ -7,21 +7,25 @@ from __future__ import annotations
 
 import logging
 import os
-import pickle
 import shutil
+import signal
+import socket
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
-from mjmerge.config import doors, shipped
+from mjmerge.config import shipped
 from mjmerge.errors import MjmergeError
+from mjmerge.sweep.elsewhere import unlike
 from mjmerge.sweep.folder import computing
-from mjmerge.sweep.workers import Raised, Workers
+from mjmerge.sweep.processes import held
+from mjmerge.sweep.workers import Workers
 
+_ANSWERS_S = 10.0
 _START_S = 120.0
 """A node has this long to say what it has installed."""
 
@@ -35,12 +39,14 @@ def cluster(address: str | None, most: int, cpus: int) -> Workers:
         cpus: processors, and threads, of a task.
 
     Raises:
-        MjmergeError: Ray is not installed, nothing answers, or a node has other versions.
+        MjmergeError: Ray is not installed, nothing answers, a node has other versions, or none has as many
+            processors.
     """
     crew = Cluster(address, most, cpus)
     try:
         crew.check()
-        return Workers(most or crew.room, crew, cpus)
+        room = crew.room
+        return Workers(most or room, crew, cpus)
     except BaseException:
         crew.stop()
         raise
@@ -52,6 +58,7 @@ def needed() -> Any:
     Raises:
         MjmergeError: it is not installed.
     """
+    os.environ.setdefault("RAY_DISABLE_FAILURE_SIGNAL_HANDLER", "1")  # it says a traceback of SIGTERM
     try:
         import ray
     except ImportError:
@@ -68,32 +75,52 @@ class Cluster:
     def __init__(self, address: str | None, most: int, cpus: int) -> None:
         """Connects; see :func:`cluster`."""
         ray = needed()
+        _reachable(address)
         self._ray, self._cpus = ray, cpus
         self._staged = Path(mkdtemp(prefix="mjmerge-"))
+        # the thread that Ray lives in: in the main one it takes SIGTERM for itself
+        self._thread = ThreadPoolExecutor(1)
         self._quiet = _no_standard_output()
         self._quiet.__enter__()
         own: dict[str, Any] = {"address": address}
         if address is None:
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # it would tell its makers
-            own = {"include_dashboard": False, **({"num_cpus": most * cpus} if most else {})}
+            new = {"address": "local", "include_dashboard": False}  # whatever else there is
+            own = new | ({"num_cpus": most * cpus} if most else {})
         try:
-            ray.init(
+            self._have(
+                ray.init,
                 **own,
                 log_to_driver=False,
                 logging_level=logging.ERROR,
                 runtime_env={"py_modules": [str(_package(self._staged))]},
             )
-        except Exception as error:
+        except BaseException as error:
             self.stop()
+            if not isinstance(error, Exception):
+                raise
             said = (str(error).strip().splitlines() or [type(error).__name__])[0]
             where = "no cluster of this machine" if address is None else f"no cluster at {address}"
             raise MjmergeError(f"{where}: {said}") from error
-        self._do = ray.remote(num_cpus=cpus, max_retries=0)(_do)
+        self._task = ray.remote(num_cpus=cpus, max_retries=0)(_task)
+
+    def _have(self, work: Callable[..., Any], **given: Any) -> None:
+        """Has something of Ray begin or end, whole: a signal waits until it has."""
+        with held(signal.SIGTERM), held(signal.SIGINT):
+            self._thread.submit(work, **given).result()
 
     @property
     def room(self) -> int:
-        """Tasks that there is room for at a time."""
-        return max(1, int(self._ray.cluster_resources().get("CPU", 1)) // self._cpus)
+        """Tasks that there is room for at a time.
+
+        Raises:
+            MjmergeError: there is none for one.
+        """
+        found = [int(node["Resources"].get("CPU", 0)) for node in self._ray.nodes() if node["Alive"]]
+        most = max(found, default=0)
+        if self._cpus > most:
+            raise MjmergeError(f"--cpus is {self._cpus}; the largest node has {most} processors")
+        return sum(cpus // self._cpus for cpus in found)
 
     def check(self) -> None:
         """Asks every node what it computes with.
@@ -122,9 +149,7 @@ class Cluster:
 
     def submit(self, task: Callable[..., Any], *given: Any) -> Future[Any]:
         """See :class:`mjmerge.sweep.workers.Crew`."""
-        found: Future[Any] = self._do.remote(
-            computing(), doors.let_in(), pickle.dumps((task, given))
-        ).future()
+        found: Future[Any] = self._task.remote(task, *given).future()
         return found
 
     def part(self, future: Future[Any]) -> float:
@@ -136,58 +161,48 @@ class Cluster:
 
     def close(self) -> None:
         """Lets the cluster go; one that was begun here ends."""
-        with suppress(Exception):
-            self._ray.shutdown()
-        self._quiet.__exit__(None, None, None)
-        shutil.rmtree(self._staged, ignore_errors=True)
+        try:
+            with suppress(Exception):
+                self._have(self._ray.shutdown)
+        finally:
+            self._thread.shutdown()
+            self._quiet.__exit__(None, None, None)
+            shutil.rmtree(self._staged, ignore_errors=True)
 
     stop = close
-
-
-def unlike(node: str, here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
-    """In what a node computes with something else, as a line; an empty list if in nothing.
-
-    Args:
-        node: its name.
-        here: what this process computes with, see :func:`mjmerge.sweep.folder.computing`.
-        there: what the node does.
-    """
-    mine, theirs = here["versions"], there["versions"]
-    found = [
-        f"{name} {theirs.get(name, 'is missing')} (here {mine.get(name, 'missing')})"
-        for name in {**mine, **theirs}
-        if mine.get(name) != theirs.get(name)
-    ]
-    found += [f"another {name}" for name in here if name != "versions" and here[name] != there.get(name)]
-    return [f"node {node} would compute other rows: {', '.join(found)}"] if found else []
 
 
 def _computing() -> dict[str, Any]:
     return computing()
 
 
-def _do(here: Mapping[str, Any], code: Mapping[str, str], payload: bytes) -> Any:
-    """On a node: a task, unless the node computes with something else, such as one that came later."""
-    other = unlike("that came later", here, computing())
-    if other:
-        return Raised(MjmergeError(other[0]))
-    try:
-        doors.carry(code)
-        task, given = pickle.loads(payload)
-    except Exception as error:
-        return Raised(MjmergeError(f"a node cannot read its task: {type(error).__name__}: {error}"))
+def _task(task: Callable[..., Any], *given: Any) -> Any:
     return task(*given)
 
 
 def _package(place: Path) -> Path:
     """A copy of this package, with what is shipped in it, as a wheel has it."""
-    package = Path(doors.__file__).parents[1]
+    package = Path(shipped.__file__).parents[1]
     copy = place / package.name
     shutil.copytree(package, copy, ignore=shutil.ignore_patterns("__pycache__"))
     for kind in ("models", "scenarios"):
         if not (copy / "_share" / kind).is_dir():
             shutil.copytree(shipped.folder(kind), copy / "_share" / kind)
     return copy
+
+
+def _reachable(address: str | None) -> None:
+    """Refuses an address where nothing answers; Ray itself would look for a minute or more.
+
+    Raises:
+        MjmergeError: nothing does.
+    """
+    host, _, port = (address or "").rpartition(":")
+    if host and "/" not in host and port.isdecimal():
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), _ANSWERS_S).close()
+        except (OSError, OverflowError) as error:
+            raise MjmergeError(f"no cluster at {address}: {error}") from error
 
 
 @contextmanager

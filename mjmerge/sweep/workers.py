@@ -6,9 +6,7 @@ the runs that kill their workers are known by themselves, and everything else is
 
 from __future__ import annotations
 
-import pickle
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, wait
@@ -16,7 +14,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
-from mjmerge.errors import WorkerError
+from mjmerge.errors import MjmergeError, WorkerError
+from mjmerge.sweep.elsewhere import Raised, do, sent
 from mjmerge.sweep.plan import Case
 from mjmerge.sweep.processes import Processes, tell
 from mjmerge.sweep.shards import TOGETHER, Shard, measure
@@ -93,13 +92,6 @@ class _Piece:
         return [_Piece((i,), (item,)) for i, item in zip(self.at, self.items, strict=True)]
 
 
-@dataclass(frozen=True)
-class Raised:
-    """An error of a task: of the work, not of who does it."""
-
-    error: Exception
-
-
 @contextmanager
 def workers(count: int) -> Iterator[Workers]:
     """Processes that work, for as long as the context lasts; with a count of 1, this one does."""
@@ -132,7 +124,12 @@ class Workers:
             count: how many work at a time.
             crew: who works; by default as many processes of this machine, or with a count of 1 this one.
             threads: that each may use, where a crew is given.
+
+        Raises:
+            MjmergeError: nobody is there to work.
         """
+        if count < 1:
+            raise MjmergeError(f"there are {count} workers; there must be at least 1")
         self._count, self._threads = count, threads
         self._alone = crew is None  # whether this process may do the work
         self._crew = crew
@@ -255,7 +252,7 @@ class Workers:
                     singly = bool(suspects) or (singly and bool(waiting))
                     queue = suspects if singly else left
                     while queue and len(waiting) < (1 if singly else self._count + 1):
-                        waiting[crew.submit(_attempt, task, queue[0].items, self._threads)] = queue[0]
+                        waiting[crew.submit(do, *sent(task, queue[0].items, self._threads))] = queue[0]
                         queue.popleft()
                 except BrokenExecutor:  # before it took that
                     broken = True
@@ -322,22 +319,9 @@ def _ended(waiting: Mapping[Future[Any], object], every: bool = False) -> set[Fu
 
 def _said(error: Exception) -> str:
     """What an executor says of a loss; of a broken one nothing that helps."""
-    return "" if isinstance(error, BrokenExecutor) else f" ({type(error).__name__}: {error})"
-
-
-def _attempt(
-    task: Callable[[Sequence[Any], int], Sequence[Any]], items: Sequence[Any], threads: int
-) -> Sequence[Any] | Raised:
-    """Does a task; what it raises is an answer, too, for what else is raised is no fault of the task."""
-    try:
-        return task(items, threads)
-    except Exception as error:
-        error.add_note(traceback.format_exc())  # which a traceback is not: it stays where it was
-        try:
-            pickle.loads(pickle.dumps(error))
-        except Exception:
-            return Raised(RuntimeError(f"{type(error).__name__}: {error}"))
-        return Raised(error)
+    if isinstance(error, BrokenExecutor):
+        return ""
+    return f" ({type(error).__name__}{f': {error}' if str(error) else ''})"
 
 
 def _measure(cases: Sequence[Case], threads: int) -> list[dict[str, Any]]:

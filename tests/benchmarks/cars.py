@@ -11,6 +11,7 @@ import statistics
 import time
 
 import numpy as np
+import quiet
 from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
@@ -77,6 +78,7 @@ def bare_s(scenario, plant) -> float:
 
 def main() -> None:
     """Prints the table."""
+    quiet.look()
     table = Table("scenario", "what", "median", "min", "max", "target")
     for name in ("paper", "highway", "van_behind"):
         scenario = mjmerge.load(name, ["control_step_s=0.02", "physics_step_s=0.002"])

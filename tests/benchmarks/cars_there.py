@@ -10,6 +10,7 @@ import statistics
 import time
 
 import numpy as np
+import quiet
 from rich.console import Console
 from rich.table import Table
 
@@ -49,6 +50,7 @@ def step_s(cars: int, plant: str, runs: int, choice: str) -> float:
 
 def main() -> None:
     """Prints the table."""
+    quiet.look()
     table = Table("plant", "runs", "choice", "cars", "a step (us)", "over the first", "off the line")
     for plant, runs, choice in (
         ("double_integrator", RUNS, "named"),

@@ -7,12 +7,12 @@ timed, not what begins and ends an episode: that is in the second ratio, of whol
 
 from __future__ import annotations
 
-import os
 import statistics
 import time
 
 import gymnasium
 import numpy as np
+import quiet
 from rich.console import Console
 from rich.table import Table
 
@@ -47,10 +47,7 @@ def steps_s(envs, u: np.ndarray) -> tuple[float, float]:
 
 def main() -> None:
     """Prints the table."""
-    load = os.getloadavg()[0]
-    print(f"load of this machine before: {load:.2f} on {os.cpu_count()} cores")
-    if load > 0.5:
-        print("others are at work: the ratios of quiet machines are steadier")
+    quiet.look()
     table = Table("plant", "environments", "loop, us", "step, us", "loop / step", "whole episodes", "target")
     for plant, duration_s in DURATIONS_S.items():
         for runs in (1, ENVIRONMENTS):

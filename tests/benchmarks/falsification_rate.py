@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import quiet
 from rich.console import Console
 from rich.table import Table
 
@@ -69,6 +70,7 @@ def searches(ground: Ground, name: str, folder: Path, seeds: int) -> list[Run]:
 
 def main() -> None:
     """Runs what is missing, and prints the table after each round."""
+    quiet.look()
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("scenario")
     asked.add_argument("folder", type=Path)

@@ -11,6 +11,7 @@ import time
 from contextlib import contextmanager
 
 import numpy as np
+import quiet
 from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
@@ -73,6 +74,7 @@ def bare_s(scenario, world, runs: int, threads: int) -> float:
 
 def main() -> None:
     """Prints the table."""
+    quiet.look()
     one = mjmerge.load("paper", ["duration_s=10"])
     many = mjmerge.load("paper", ["duration_s=2"])
     world = build(one)

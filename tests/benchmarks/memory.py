@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from threading import Event, Thread
 
+import quiet
 from rich.console import Console
 from rich.table import Table
 
@@ -41,6 +42,7 @@ def held_mib() -> float:
 
 def main() -> None:
     """Prints what is held from when on."""
+    quiet.look()
     if os.getpgrp() != os.getpid():
         os.setpgrp()
     axes = {

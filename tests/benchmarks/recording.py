@@ -29,10 +29,10 @@ from pathlib import Path
 from typing import Any
 
 import foxglove
+import quiet
 import rerun as rr
 import rerun_bindings
 from mcap.records import Channel, Schema
-from quiet import warning
 from rerun.chunk import RrdReader
 from rich.console import Console
 from rich.table import Table
@@ -217,8 +217,8 @@ def rerun_alone(scenario: Scenario, world: World, header: Header, done: Path, fo
 
 def main() -> None:
     """Prints the tables."""
+    quiet.look()
     console = Console(width=110)
-    console.print(warning())
     scenario, half = (mjmerge.load("paper", [f"duration_s={s}"]) for s in (SECONDS, SECONDS / 2))
     world, sheets = build(scenario), tuple(car_sheets(scenario))
 

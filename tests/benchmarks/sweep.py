@@ -1,8 +1,8 @@
 """How much of a sweep is the engine: ``python tests/benchmarks/sweep.py [SECONDS [REPEATS]]``, no test.
 
 A sweep of 256 runs that differ in mismatch, with law, verdicts, rows and files, on 2 processes, is to reach
-0.90 of bare ``mujoco.batch`` stepping of the same model on 2 threads. Beside it stand a Python loop over
-``mj_step`` and, if it is installed, highway-env's merge-v0 (cars as rectangles, at its own 15 Hz).
+0.90 of bare ``mujoco.batch`` stepping of the same model on 2 threads. Beside it stands a Python loop over
+``mj_step``. ``highway.py`` has the same sweep beside another simulator.
 
 On a machine that does other things as well, look at the ratio of processor times.
 """
@@ -19,6 +19,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import quiet
 from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
@@ -37,8 +38,8 @@ DURATION_S = float(sys.argv[1]) if len(sys.argv) > 1 else 12.0
 REPEATS = int(sys.argv[2]) if len(sys.argv) > 2 else 3
 
 
-def campaign() -> Plan:
-    """256 runs of ``charge``, every one with another mismatch."""
+def campaign(fidelity: dict[str, float] | None = None) -> Plan:
+    """256 runs of ``charge``, every one with another mismatch; maybe in larger steps first."""
     axes = {
         "mismatch.friction": {"uniform": [0.3, 1.0]},
         "mismatch.load_kg": {"uniform": [0.0, 1.5]},
@@ -50,7 +51,7 @@ def campaign() -> Plan:
         "set": {"duration_s": DURATION_S},
         "random": {"draws": RUNS, "axes": axes},
     }
-    return plan({"blocks": [block]})
+    return plan({"blocks": [block], **({"fidelity": fidelity} if fidelity else {})})
 
 
 def rolling(world: World, planned: Plan, runs: int) -> tuple[np.ndarray, np.ndarray]:
@@ -92,28 +93,9 @@ def timed(work: Callable[[], None]) -> tuple[float, float]:
     return time.perf_counter() - wall, sum(after[:4]) - sum(before[:4])
 
 
-def highway() -> float | None:
-    """Simulated seconds per second of highway-env's merge-v0; ``None`` if it is not installed."""
-    try:
-        import gymnasium
-        import highway_env
-    except ImportError:
-        return None
-    highway_env.register_highway_envs() if hasattr(highway_env, "register_highway_envs") else None
-    env = gymnasium.make("merge-v0")
-    step_s = 1 / env.unwrapped.config["policy_frequency"]
-    simulated, began = 0.0, time.perf_counter()
-    while time.perf_counter() - began < 5:
-        env.reset(seed=0)
-        over = False
-        while not over:
-            _, _, terminated, truncated, _ = env.step(1)
-            simulated, over = simulated + step_s, terminated or truncated
-    return simulated / (time.perf_counter() - began)
-
-
 def main() -> None:
     """Prints the table."""
+    quiet.look()
     planned = campaign()
     scenario = planned.cases[0].batch.scenario
     world = build(scenario, [case.mismatch for case in planned.cases])
@@ -131,8 +113,6 @@ def main() -> None:
     }
     for key, name in names.items():
         table.add_row(name, f"{simulated[key] / statistics.median(w for w, _ in times[key]):.1f}")
-    other = highway()
-    table.add_row("highway-env merge-v0", "not installed" if other is None else f"{other:.1f}")
     for i, name in enumerate(("wall time", "processor time")):
         ratios = [b[i] / s[i] for b, s in zip(times["bare"], times["sweep"], strict=True)]
         shown = (f"{f(ratios):.3f}" for f in (statistics.median, min, max))

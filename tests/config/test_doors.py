@@ -62,14 +62,24 @@ def test_a_file_can_be_carried_to_where_it_is_not(write, tmp_path, monkeypatch):
     thing, path = resolve(name), str(tmp_path / "mine.py")
     assert thing == ("ü", path)
     texts = let_in()
+    Path(path).write_text("Thing = 'edited since'")
+    assert let_in()[path] == texts[path]
     Path(path).unlink()
-    assert path not in let_in()
     (module,) = [name for name, one in sys.modules.items() if getattr(one, "__file__", None) == path]
     del sys.modules[module]  # as in another process
     with pytest.raises(DoorError, match="cannot read"):
         resolve(name)
     carry({path: texts[path]})
     assert resolve(name) == thing
+    carry({path: "Thing = 2"})  # which was edited and let in again, where it comes from
+    assert sys.modules[module].Thing == resolve(name) == 2
+
+
+def test_what_is_let_in_here_and_carried_here_may_be_edited(write, tmp_path):
+    name = write("Thing = 1")
+    assert resolve(name) == 1
+    carry(let_in())
+    assert resolve(write("Thing = 2")) == 2
 
 
 def test_another_process_finds_the_class_of_what_it_is_sent(write, tmp_path):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
@@ -91,6 +93,10 @@ def test_numbers_in_a_row_are_written_as_one(numbers):
 
 
 def test_parts_one_after_the_other_say_what_is_missing_and_the_last_makes_the_table(plan, whole, capsys):
+    for order in ((1, 2, 3), (2, 3, 1)):
+        found = [do_part(plan, Path("any", *map(str, order)), Part(k, 3), HERE).table for k in order]
+        assert found[:2] == [None, None]
+        assert Path("any", *map(str, order), TABLE).read_bytes() == whole
     for k, missing in ((3, [1, 2]), (1, [2]), (1, [2])):
         found = do_part(plan, Path("out"), Part(k, 3), HERE)
         assert (found.table, found.mine.num_rows) == (None, 2)
@@ -107,12 +113,19 @@ def test_parts_one_after_the_other_say_what_is_missing_and_the_last_makes_the_ta
     assert not list(Path("out").rglob("*.partial"))
 
 
-def test_parts_at_once_and_twice_make_the_same_table(plan, whole):
+def test_parts_at_once_and_twice_make_the_same_table(plan, whole, long):
     parts = [Part(k, 3) for k in (2, 1, 3, 2, 1)]
     with ThreadPoolExecutor(len(parts)) as executor:
         found = list(executor.map(lambda part: do_part(plan, Path("out"), part, HERE), parts))
     assert any(one.table is not None for one in found)
     assert Path("out", TABLE).read_bytes() == whole
+    if long:
+        words = [sys.executable, "-m", "mjmerge", "sweep", "c.yaml", "--workers", "1", "--out", "jobs"]
+        jobs = [subprocess.Popen([*words, "--part", f"{k}/3"], stdout=-3) for k in (3, 1, 2, 2, 3, 1)]
+        assert [job.wait(120) for job in jobs] == [0] * 6
+        assert Path("jobs", TABLE).read_bytes() == whole
+        assert Path("jobs", "report.md").exists()
+        assert not list(Path("jobs").rglob("*.partial"))
 
 
 def test_of_more_parts_than_shards_one_runs_nothing_and_says_so(plan, capsys):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -16,14 +18,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjmerge.cli import main
-from mjmerge.errors import WorkerError
-from mjmerge.sweep import campaign, losses
+from mjmerge.config import doors
+from mjmerge.errors import MjmergeError, WorkerError
+from mjmerge.sweep import campaign, elsewhere, losses
+from mjmerge.sweep.elsewhere import unlike
 from mjmerge.sweep.folder import TABLE, computing
-from mjmerge.sweep.ray import unlike
 from mjmerge.sweep.shards import Shard
 from mjmerge.sweep.sweep import measured, sweep
 from mjmerge.sweep.workers import AGAIN, Workers, at_work
 
+PAGE = Path(__file__).parents[2] / "docs" / "scale.md"
 SMALL = {
     "scenarios": ["paper"],
     "plants": ["double_integrator"],
@@ -165,26 +169,40 @@ def test_after_a_death_in_company_each_is_tried_alone_so_that_nobody_is_blamed_f
     assert crew.renewed == 1 + AGAIN
 
 
+def doubled(items, threads):
+    if 13 in items:
+        raise Death
+    return [2 * item for item in items]
+
+
 @pytest.mark.parametrize("kind", [Threads, Nodes])
 def test_an_item_that_kills_is_an_error_that_names_it_and_others_are_made_in_their_order(kind):
-    def doubled(items, threads):
-        if 13 in items:
-            raise Death
-        return [2 * item for item in items]
-
     team = Workers(2, kind())
     assert team.each(doubled, range(10), str) == [2 * item for item in range(10)]
     with pytest.raises(WorkerError, match=r"4 times of 4.*: number 13"):
         team.each(doubled, range(8, 20), "number {}".format)
 
 
-def test_what_a_task_raises_is_no_loss_and_brings_the_place_where_it_was_raised():
-    def refuses(items, threads):
-        raise KeyError("that way")
+class OddError(Exception):
+    """No pickle brings it back."""
 
+    def __init__(self, one, other) -> None:
+        super().__init__(one)
+        self.other = threading.Lock() if other else None
+
+
+def refuses(kind, items, threads):
+    raise (OddError(f"{kind} way", kind == "this") if kind != "that" else KeyError("that way"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "comes"), [("that", KeyError), ("this", RuntimeError), ("no", RuntimeError)]
+)
+def test_what_a_task_raises_is_no_loss_and_brings_the_place_where_it_was_raised(kind, comes):
     team = Workers(2, Threads())
-    with pytest.raises(KeyError, match="that way") as raised:
-        team.each(refuses, range(10))
+    with pytest.raises(comes, match=f"{kind} way") as raised:
+        team.each(partial(refuses, kind), range(10))
+    assert type(raised.value) is comes
     assert "in refuses" in raised.value.__notes__[0]
     assert team.losses == 0
 
@@ -209,6 +227,16 @@ def test_an_executor_that_breaks_ends_the_work_with_a_word_on_what_is_kept():
         Workers.on(executor, 2).each(print, [1, 2])
 
 
+def test_the_page_s_example_gives_the_table_of_one_process(tmp_path):
+    (example,) = PAGE.read_text().split("```python\n")[1:]
+    example = example.partition("```")[0].replace("mismatch_core", "c.yaml").replace("8)", "2)")
+    (tmp_path / "c.yaml").write_text(json.dumps(TWO))
+    (tmp_path / "mine.py").write_text(example)
+    subprocess.run([sys.executable, "mine.py"], cwd=tmp_path, check=True)
+    sweep(campaign.plan(tmp_path / "c.yaml"), tmp_path / "alone")
+    assert (tmp_path / "core" / TABLE).read_bytes() == (tmp_path / "alone" / TABLE).read_bytes()
+
+
 class Later:
     """What a job scheduler's executor gives: it can be asked, and that is all."""
 
@@ -230,7 +258,102 @@ def test_an_executor_may_give_anything_that_can_be_asked_whether_it_is_done():
             return Later(task(*given))
 
     team = Workers.on(Jobs(), 2)
-    assert team.each(lambda items, _: [3 * item for item in items], range(5)) == [0, 3, 6, 9, 12]
+    assert team.each(doubled, range(5)) == [0, 2, 4, 6, 8]
+
+
+class Backwards:
+    """Nothing is done before so many tasks are there, and then the last one first."""
+
+    def __init__(self, many: int) -> None:
+        self._many, self._tasks = many, []
+
+    def submit(self, task, *given):
+        future = Future()
+        self._tasks.append((future, task, given))
+        if len(self._tasks) == self._many:
+            for one, other, of in reversed(self._tasks):
+                one.set_result(other(*of))
+            self._tasks, self._many = [], 1
+        return future
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_in_whatever_order_results_come_each_is_that_of_its_item(count):
+    items = range(14, 14 + 128)
+    team = Workers.on(Backwards(min(count + 1, 2)), count)
+    assert team.each(doubled, items) == [2 * item for item in items]
+
+
+def test_a_campaign_of_one_run_and_no_work_at_all_need_no_second_worker(tmp_path):
+    one = campaign.plan({"blocks": [SMALL | {"grid": {}, "seeds": 1}]})
+    alone = sweep(one, tmp_path / "a")
+    with ThreadPoolExecutor(1) as executor:
+        team = Workers.on(executor, 1)
+        assert measured(one, team).equals(alone)
+        assert measured(one, Workers(9)).equals(alone)
+        assert team.each(doubled, []) == []
+    team.map([], None, print)
+
+
+def test_futures_that_somebody_cancels_are_work_that_is_lost_and_is_done_again():
+    class Cancels(ThreadPoolExecutor):
+        left = 3
+
+        def submit(self, task, *given):
+            if not self.left:
+                return super().submit(task, *given)
+            self.left -= 1
+            future = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    with Cancels(1) as executor:
+        team = Workers.on(executor, 2)
+        assert team.each(doubled, range(6)) == [0, 2, 4, 6, 8, 10]
+        assert team.losses == 3
+        executor.left = 1000
+        with pytest.raises(WorkerError, match=r"4 times of 4 \(CancelledError\): 0$"):
+            team.each(doubled, [0])
+
+
+def test_what_an_executor_itself_raises_ends_the_work():
+    with ThreadPoolExecutor(1) as executor:
+        executor.shutdown()
+        with pytest.raises(RuntimeError, match="after shutdown"):
+            Workers.on(executor, 2).each(doubled, range(6))
+    with pytest.raises(MjmergeError, match="there are 0 workers; there must be at least 1"):
+        Workers.on(executor, 0)
+
+
+@pytest.mark.parametrize("other", ["mjmerge's code", "versions"])
+def test_where_the_code_or_a_version_is_another_nothing_is_done(other, monkeypatch):
+    here = computing()
+    there = here | {other: "edited" if other != "versions" else here["versions"] | {"numpy": "1.0"}}
+    sent = elsewhere.sent
+    monkeypatch.setattr("mjmerge.sweep.workers.sent", lambda *task: (there, *sent(*task)[1:]))
+    with ThreadPoolExecutor(1) as executor:
+        for team in (Workers(2, Threads()), Workers.on(executor, 2)):
+            with pytest.raises(MjmergeError, match=r"node \S+ would compute other rows: ") as raised:
+                team.each(doubled, [13] * 10)  # which would kill
+            assert ("numpy" if other == "versions" else "another mjmerge's code") in str(raised.value)
+            assert team.losses == 0
+
+
+def test_code_from_outside_is_what_the_command_read_whatever_became_of_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(doors, "_carried", {})
+    (tmp_path / "mine.py").write_text("def made():\n    return 1\n")
+    made = doors.resolve(f"{tmp_path / 'mine.py'}:made")
+    sent = elsewhere.sent(made)
+    (tmp_path / "mine.py").unlink()
+    assert doors.let_in()[str(tmp_path / "mine.py")] == "def made():\n    return 1\n"
+    del sys.modules[made.__module__]  # as in another process
+    assert elsewhere.do(*sent) == 1
+
+
+def test_a_task_that_cannot_be_read_there_is_told():
+    found = elsewhere.do(computing(), {}, b"no pickle")
+    assert "a worker cannot read its task: UnpicklingError" in str(found.error)
 
 
 def test_a_node_that_computes_with_something_else_is_named_with_all_that_differs():
