@@ -170,7 +170,7 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None)
     opinion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, ncols=2, borderaxespad=0.2)
     if axes is None:
         said = [
-            "; ".join((f"{letter}: {label.removeprefix(f'{letter}: ')}", *ran(one)))
+            f"{letter}: " + "; ".join(dict.fromkeys((label.removeprefix(f"{letter}: "), *ran(one))))
             for letter, label, one in zip("AB", labels, (a, b), strict=True)
         ]
         head(figure, *said)

@@ -263,6 +263,9 @@ def waterfall(ladder: Ladder) -> Figure:
     """Least d_j on every rung; below it, larger, what the step there took or gave."""
     figure, (axes, steps) = sheet((3, 2), 5.9)
     least = [rung.row["min_distance_m"] for rung in ladder.rungs]
+    unit = length(
+        max((abs(rung.cost_m) for rung in ladder.rungs if rung.cost_m is not None), default=0.0)
+    ).split()[1]
     for i, (rung, now) in enumerate(zip(ladder.rungs, least, strict=True)):
         if now is None:
             axes.text(i, 0, "no data", ha="center", va="bottom", fontsize=9)
@@ -270,9 +273,9 @@ def waterfall(ladder: Ladder) -> Figure:
             axes.bar(i, now, color=COLOURS["vehicle_1"], alpha=0.85, width=0.7)
             _beyond(axes, i, now, f"{now:.3f} m")
         if rung.cost_m is not None:
-            gain_m = -rung.cost_m
-            steps.bar(i, gain_m, color=COLOURS["vehicle_2" if gain_m < 0 else "ego"], width=0.7)
-            _beyond(steps, i, gain_m, _change(rung))
+            gain = -rung.cost_m * (1e3 if unit == "mm" else 1.0)
+            steps.bar(i, gain, color=COLOURS["vehicle_2" if gain < 0 else "ego"], width=0.7)
+            _beyond(steps, i, gain, length(-rung.cost_m, 2, "+"))
     axes.axhline(0, color=LINE, linewidth=1)
     floor = ladder.scenario.expect.min_distance_m.at_least
     if floor:
@@ -287,7 +290,7 @@ def waterfall(ladder: Ladder) -> Figure:
     steps.set_xticks(range(len(ladder.rungs)), [rung.name for rung in ladder.rungs])
     steps.set_xlim(-0.5, len(ladder.rungs) - 0.5)
     axes.set_ylabel("least $d_j$ (m)")
-    steps.set_ylabel("this step adds (m)")
+    steps.set_ylabel(f"this step adds ({unit})")
     given = ladder.rungs[-1].case.batch.overrides
     head(
         figure,

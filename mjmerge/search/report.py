@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, head, save, save_rows
 from mjmerge.outputs import put
 from mjmerge.search.breaking import Break, Range, Tried, Until, margin
+from mjmerge.sweep.rows import BELOW, ENDED, MARGIN, OFF, TOUCHES, broke
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,33 +114,21 @@ def _beyond(one: Break) -> str:
     )
 
 
-PASSED, TOUCHES, MARGIN, OFF, ENDED, FLOOR = (
-    "safe", "bodies touch", "d_j falls to 0", "runs off the road", "ends early", "below the floor",
-)  # fmt: skip
-_OUTCOMES = {
-    PASSED: ("o", COLOURS["ego"]),
+SAFE = "safe"
+_MARKS = {
+    SAFE: ("o", COLOURS["ego"]),
     TOUCHES: ("X", LINE),
     MARGIN: ("v", COLOURS["vehicle_2"]),
     OFF: ("s", OPINION),
     ENDED: ("D", "black"),
-    FLOOR: ("v", MU),
+    BELOW: ("v", MU),
 }
 """What can come of a point, and how it is drawn."""
 
 
-def broke(tried: Tried) -> str:
-    """What broke at a point, of its worst seed: bodies, margin, or what else; ``PASSED`` if nothing."""
-    row = tried.row
-    if not tried.failed:
-        return PASSED
-    if row["first_contact_s"] is not None:
-        return TOUCHES
-    least_m, edge_m = row["min_distance_m"], row.get("min_edge_distance_m")
-    if edge_m is not None and edge_m <= 0:
-        return OFF
-    if least_m is not None and least_m <= 0:
-        return MARGIN
-    return FLOOR if row["stopped"] is None else ENDED
+def came(tried: Tried) -> str:
+    """What came of a point, of its worst seed."""
+    return broke(tried.row) if tried.failed else SAFE
 
 
 def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
@@ -191,8 +180,8 @@ def _frontier(found: Sequence[Break], title: str, across: Range, until: Until) -
 
 def _scatter(axes: Axes, tried: Sequence[Tried], at: Sequence[tuple[float, float]], size: float) -> None:
     """A mark for every point: what came of it."""
-    for what, (marker, colour) in _OUTCOMES.items():
-        part = [where for t, where in zip(tried, at, strict=True) if broke(t) == what]
+    for what, (marker, colour) in _MARKS.items():
+        part = [where for t, where in zip(tried, at, strict=True) if came(t) == what]
         if part:
             x, y = zip(*part, strict=True)
             axes.scatter(
@@ -205,5 +194,5 @@ def _legend(figure: Figure, until: Until) -> None:
     handles = {}
     for axes in figure.axes:
         for handle, what in zip(*axes.get_legend_handles_labels(), strict=True):
-            handles["above the floor" if until == "floor" and what == PASSED else what] = handle
+            handles["above the floor" if until == "floor" and what == SAFE else what] = handle
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, frameon=False)

@@ -10,7 +10,19 @@ from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, head, sheet
 from mjmerge.roster import paint
 from mjmerge.sweep.campaign import GRID, RANDOM
 from mjmerge.sweep.plan import Plan
-from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, Rows, groups
+from mjmerge.sweep.rows import (
+    BELOW,
+    EMPTY,
+    ENDED,
+    FAILED,
+    MARGIN,
+    OFF,
+    PASSED,
+    TOUCHES,
+    Rows,
+    broke,
+    groups,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +34,16 @@ _MORE = ("vehicle_4", "vehicle_5", "vehicle_6", "vehicle_8")
 _VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], OPINION, MU, *map(paint, _MORE))
 _MARKS = "os^vDPp*h"
 """Of laws."""
-_OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}
+_CAME = {
+    PASSED: COLOURS["ego"],
+    EMPTY: MU,
+    TOUCHES: LINE,
+    MARGIN: COLOURS["vehicle_2"],
+    OFF: OPINION,
+    ENDED: "black",
+    BELOW: COLOURS["vehicle_1"],
+}
+"""What can come of a run, and its colour; marks of those that failed are open."""
 
 
 def figures(plan: Plan, rows: Rows) -> Iterator[tuple[str, Figure]]:
@@ -90,7 +111,7 @@ def _margins(title: str, rows: Rows) -> Figure:
 
 
 def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
-    """Least d_j over the value of each axis, a mark per run: its law's, in the colour of how it counts."""
+    """Least d_j over the value of each axis, a mark per run: its law's, in the colour of what came of it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -102,16 +123,16 @@ def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
     FigureCanvasAgg(figure)
     panels = figure.subplots(down, across, squeeze=False, sharey=True)
     for panel, axis in zip(panels.flat, axes_, strict=False):
-        for (outcome, variant), part in groups(known, ("outcome", "variant")).items():
-            panel.scatter(
-                [row[axis] for row in part],
-                [row["min_distance_m"] for row in part],
-                s=8 if len(marks) == 1 else 14,
-                alpha=0.6,
-                linewidth=0,
-                color=_OUTCOMES[outcome],
-                marker=marks[variant],
-            )
+        for (outcome, variant), of in groups(known, ("outcome", "variant")).items():
+            for came in _CAME:
+                part = [row for row in of if came == (broke(row) if outcome == FAILED else outcome)]
+                panel.scatter(
+                    [row[axis] for row in part],
+                    [row["min_distance_m"] for row in part],
+                    s=12 if len(marks) == 1 else 18,
+                    marker=marks[variant],
+                    **_style(came),
+                )
         _limits(panel, rows, panel.axhline)
         panel.set_xlabel(axis, fontsize=9)
         panel.tick_params(labelsize=9)
@@ -122,12 +143,23 @@ def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
     for panel in list(panels.flat)[len(axes_) :]:
         panel.set_visible(False)
     head(figure, title)
-    blank = figure.axes[0]
-    handles = [blank.scatter([], [], s=20, color=own, label=outcome) for outcome, own in _OUTCOMES.items()]
+    blank, there = figure.axes[0], {broke(row) for row in known if row["outcome"] == FAILED}
+    shown = [came for came in _CAME if came in there | {PASSED, EMPTY}]
+    handles = [
+        blank.scatter([], [], s=24, label=came.replace("d_j", "$d_j$"), **_style(came)) for came in shown
+    ]
     if len(marks) > 1:
-        handles += [blank.scatter([], [], s=20, color=MU, marker=m, label=law) for law, m in marks.items()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+        handles += [
+            blank.scatter([], [], s=24, marker=m, label=law, **_style("")) for law, m in marks.items()
+        ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2 * across, frameon=False)
     return figure
+
+
+def _style(came: str) -> dict[str, Any]:
+    """How a mark is drawn: open where the run failed; black and open where it stands for a law."""
+    own = _CAME.get(came, "black")
+    return {"facecolor": own if came in (PASSED, EMPTY) else "none", "edgecolor": own, "linewidth": 0.8}
 
 
 def _limits(axes: Axes, rows: Rows, line: Callable[..., Any]) -> None:
