@@ -95,24 +95,21 @@ def cars(folder: Path) -> None:
     )
 
 
-def viewer(*arguments: str, at_s: float) -> Callable[[Path], None]:
-    """A run, and what the real viewer shows of each file that it leaves, off-screen, at a time."""
+def viewer(*arguments: str, shown: tuple[str, ...], at_s: float) -> Callable[[Path], None]:
+    """A run, and what the real viewer shows of files that it leaves, off-screen, at a time."""
 
     def make(folder: Path) -> None:
         sys.path.insert(0, str(ROOT))
         from mjmerge.review.view import write_view
         from tests.recording.viewer import open_headless
 
-        mjmerge("run", *arguments, "--out", folder / "run")
-        write_view(folder / "run" / "run.mcap", folder / "mcap.rrd")
-        for name, file, timeline in (
-            ("run", "run/run.rrd", "sim_time"),
-            ("compare", "run/compare.rrd", "sim_time"),
-            ("mcap", "mcap.rrd", "message_log_time"),
-        ):
-            if (folder / file).exists():
-                for said in open_headless(folder / file, folder / f"{name}.png", at_s, timeline):
-                    print(f"{name}: {said}", file=sys.stderr)
+        mjmerge("run", *arguments, "--out", folder)
+        if "mcap" in shown:
+            write_view(folder / "run.mcap", folder / "mcap.rrd")
+        for name in shown:
+            timeline = "message_log_time" if name == "mcap" else "sim_time"
+            for said in open_headless(folder / f"{name}.rrd", folder / f"{name}.png", at_s, timeline):
+                print(f"{name}: {said}", file=sys.stderr)
 
     return make
 
@@ -157,11 +154,15 @@ RECIPES = {
         {"search/frontier.png": "frontier.png"},
         command("harden", "charge", "--budget=160", "--tries=24", "--rounds=1", "--fresh=1"),
     ),
-    "viewer": Recipe(0.5, {"viewer.png": "run.png"}, viewer("paper", at_s=15.0)),
+    "viewer": Recipe(0.5, {"viewer.png": "run.png"}, viewer("paper", shown=("run",), at_s=17.5)),
     "recording": Recipe(
         1,
         {f"recording_{name}.png": f"{name}.png" for name in ("run", "mcap", "compare")},
-        viewer("charge", "--set", "duration_s=6", "--set", "mismatch.friction=0.2", at_s=5.2),
+        viewer(
+            *("charge", "--runs=2", "--set", "duration_s=6", "--set", "mismatch.friction=0.2"),
+            shown=("run", "mcap", "compare"),
+            at_s=5.2,
+        ),
     ),
 }
 """All there are, by name."""
