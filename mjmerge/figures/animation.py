@@ -28,7 +28,7 @@ EVERY_S = 0.2
 SHOWN_S = 0.1
 """Time that each is shown, s: twice as fast as it was."""
 _SIZE_IN, _DPI = (8.0, 4.0), 96
-_PANELS = ((0.07, 0.13, 0.56, 0.78), (0.72, 0.55, 0.24, 0.36), (0.72, 0.13, 0.24, 0.36))
+_PANELS = ((0.07, 0.13, 0.56, 0.74), (0.72, 0.54, 0.24, 0.33), (0.72, 0.13, 0.24, 0.33))
 _COLOURS = 64  # of the palette that all frames share
 _BEHIND_M, _AHEAD_M, _ASIDE_M = 0.9, 0.75, 0.3  # road around the cars
 _DASH_M, _EVERY_M = 0.6, 1.2  # lane markings as drawn
