@@ -100,6 +100,8 @@ def viewer(*arguments: str, shown: tuple[str, ...], at_s: float) -> Callable[[Pa
 
     def make(folder: Path) -> None:
         sys.path.insert(0, str(ROOT))
+        from PIL import Image
+
         from mjmerge.review.view import write_view
         from tests.recording.viewer import open_headless
 
@@ -110,6 +112,9 @@ def viewer(*arguments: str, shown: tuple[str, ...], at_s: float) -> Callable[[Pa
             timeline = "message_log_time" if name == "mcap" else "sim_time"
             for said in open_headless(folder / f"{name}.rrd", folder / f"{name}.png", at_s, timeline):
                 print(f"{name}: {said}", file=sys.stderr)
+            with Image.open(folder / f"{name}.png") as shot:
+                small = shot.convert("RGB").resize((1600, 900), Image.Resampling.LANCZOS)
+            small.quantize(dither=Image.Dither.NONE).save(folder / f"{name}.png", optimize=True)
 
     return make
 
