@@ -355,7 +355,7 @@ def frontier(found: Hardened) -> Figure:
     head(
         figure,
         *ran(found.ground.scenario, found.ground.plant),
-        "dots are laws that were tried; those on the line are beaten in neither margin nor time by another",
+        "dots are laws that were tried; those on the line no other beats in both margin and time",
     )
     return figure
 
