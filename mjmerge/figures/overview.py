@@ -206,7 +206,7 @@ def _draw_distances(axes: Axes, trace: Trace, run: int) -> None:
         edge_m = trace.edge_distance_m[run]
         axes.plot(t, edge_m, color="0.4", linestyle=(0, (1, 1)))
         each.append(End(f"edge{_least(edge_m)}", edge_m, "0.4"))
-        shown.append(np.fmin.reduce(edge_m, keepdims=True))
+        shown.append(edge_m[edge_m < np.fmax.reduce(shown[1])])
     floor_m = trace.scenario.expect.min_distance_m.at_least
     axes.axhline(0, color=LINE, linewidth=1)
     if floor_m:
