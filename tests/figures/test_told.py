@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import mjmerge
 from mjmerge.figures.overview import overview
 from mjmerge.figures.runs import comparison, distances, opinion
-from mjmerge.figures.style import LETTERS, fold, words
+from mjmerge.figures.style import LETTERS, End, ends, fold, sheet, words
 from mjmerge.search.breaking import Break, Range, Tried
 from mjmerge.search.ladder import Ladder, Rung, waterfall
 from mjmerge.search.report import _frontier, _lines
@@ -51,8 +51,17 @@ def test_before_a_car_runs_away_everything_can_be_seen(paper):
     for figure in (overview(trace), opinion(trace), distances(trace)):
         for axes in figure.axes:
             assert np.ptp(axes.get_ylim()) < 40 * width_m
+            assert all(0 <= text.get_position()[1] < 1.1 for text in axes.texts), "and every name"
     near = distances(paper).axes[0].get_ylim()
     assert near[0] < np.nanmin(paper.distance_m) < np.nanmax(paper.distance_m) < near[1]
+
+
+@pytest.mark.parametrize("last", [-9.0, 0.5, 9.0])
+def test_a_curve_that_ends_outside_its_panel_has_its_name_beside_it(last):
+    _, (axes,) = sheet((1,), 3.0)
+    axes.set_ylim(0, 1)
+    ends(axes, [End("far", np.array([0.5, last, np.nan]), "black")])
+    assert [text.get_position()[1] for text in axes.texts] == [np.clip(last, 0, 1)]
 
 
 def test_an_edge_far_away_leaves_the_distances_their_room():
