@@ -160,7 +160,9 @@ class Sweep:
                 seeds=seeds,
                 progress=lambda text: print(text, file=sys.stderr),
             )
-        title = f"{name} on {self.plant}"
+        title = "; ".join(
+            [f"{name} on {self.plant}", *([f"set: {', '.join(self.set_)}"] if self.set_ else [])]
+        )
         breaking_report.write(found, folder, title, self.until, across, self.seeds)
         if self.json:
             print(

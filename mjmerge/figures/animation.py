@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, OPINION
+from mjmerge.figures.overview import ran
+from mjmerge.figures.style import COLOURS, LINE, OPINION, End, ends, words
 from mjmerge.outputs import written
 from mjmerge.roster import colour
 from mjmerge.scenario.cars import car_sheets
@@ -27,11 +28,10 @@ EVERY_S = 0.2
 SHOWN_S = 0.1
 """Time that each is shown, s: twice as fast as it was."""
 _SIZE_IN, _DPI = (8.0, 4.0), 96
-_PANELS = ((0.07, 0.13, 0.56, 0.84), (0.72, 0.57, 0.26, 0.38), (0.72, 0.13, 0.26, 0.38))
+_PANELS = ((0.07, 0.13, 0.56, 0.74), (0.72, 0.54, 0.24, 0.33), (0.72, 0.13, 0.24, 0.33))
 _COLOURS = 64  # of the palette that all frames share
 _BEHIND_M, _AHEAD_M, _ASIDE_M = 0.9, 0.75, 0.3  # road around the cars
 _DASH_M, _EVERY_M = 0.6, 1.2  # lane markings as drawn
-_FEW = 3  # neighbours whose names find room among their curves
 
 
 def frames(trace: Trace, at: Sequence[int]) -> Iterator[Image]:
@@ -42,6 +42,7 @@ def frames(trace: Trace, at: Sequence[int]) -> Iterator[Image]:
 
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI)
     canvas = FigureCanvasAgg(figure)
+    figure.text(0.01, 0.985, words("; ".join(ran(trace))), va="top", fontsize=9)
     road, opinion, distance = (figure.add_axes(place) for place in _PANELS)
     moving, place = _road(road, trace)
     for axes, drawn in ((opinion, draw_opinion), (distance, draw_distance)):
@@ -123,8 +124,8 @@ def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
     axes.set_xlim(left, right)
     axes.set_ylim(min(low, np.nanmin(seen[..., 1])) - _ASIDE_M, max(high, np.nanmax(seen[..., 1])) + _ASIDE_M)
     axes.set_aspect("equal")
-    axes.set_xlabel("$\\rho^\\top(p - p_1)$ (m)")
-    axes.set_ylabel("$\\eta^\\top p$ (m)")
+    axes.set_xlabel("$\\rho^{\\!\\top}(p - p_1)$ (m)")
+    axes.set_ylabel("$\\eta^{\\!\\top}\\!p$ (m)")
     axes.axhspan(low, high, color="#e6e7ea", zorder=0)
     for edge in (low, high):
         axes.axhline(edge, color="#888888", linewidth=1.5)
@@ -132,7 +133,7 @@ def _road(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
     (dashes,) = axes.plot([], [], color="white", linewidth=2.5)
     (way,) = axes.plot([], [], color=COLOURS["ego"], linewidth=1, linestyle=":")
     (axles,) = axes.plot([], [], "k.", markersize=5, zorder=5)
-    title = axes.text(0.02, 0.975, "", transform=axes.transAxes, va="top")
+    title = axes.text(0, 1.02, "", transform=axes.transAxes, va="bottom")
     r = scenario.r_m
     discs = [Circle((0, 0), r, color=colour(car), alpha=0.22, linewidth=0) for car in there.neighbours]
     bodies = [Polygon(np.zeros((4, 2)), color=colour(car), zorder=4) for car in there.cars]
@@ -183,14 +184,11 @@ def draw_distance(axes: Axes, trace: Trace) -> tuple[list[Any], Move]:
     """Every distance over time, likewise."""
     colours = [colour(car) for car in trace.roster.neighbours]
     for j, own in enumerate(colours):
-        axes.plot(trace.time_s, trace.distance_m[0, :, j], color=own, alpha=0.3, label=f"$d_{j + 1}$")
+        axes.plot(trace.time_s, trace.distance_m[0, :, j], color=own, alpha=0.3)
     axes.axhline(0, color=LINE, linewidth=1)
     axes.set_ylabel("distance $d_j$ (m)")
     axes.set_xlabel("time $t$ (s)")
-    if len(colours) <= _FEW:
-        axes.legend(loc="upper right", frameon=False, ncols=2)
-    else:  # above, where no line is
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, ncols=4)
+    ends(axes, [End(f"$d_{{{j + 1}}}$", trace.distance_m[0, :, j], own) for j, own in enumerate(colours)])
     return _dots(axes, trace.time_s, trace.distance_m[0], colours)
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from textwrap import wrap
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mjmerge.config.bounds import whole
-from mjmerge.figures.style import LINE, MU, OPINION, End, Panels, ends, sheet, words
-from mjmerge.law import is_paper
+from mjmerge.figures.style import LINE, MU, OPINION, End, Panels, ends, fold, head, limits, sheet, words
 from mjmerge.roster import colour
-from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.ran import ran as what_ran
 from mjmerge.simulation.trace import Trace
+from mjmerge.state import Array
 from mjmerge.verdict.judge import Verdict
 from mjmerge.verdict.metrics import chosen_anew, merged_at_s
 
@@ -21,13 +20,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LETTERS = 100
-"""In a line across the figure."""
 _TOGETHER = 0.025
 """Part of the time axis within which what happens has one number between its first and its last."""
 _LINE_IN = 0.17
 """Height of a line below the panels, inches."""
 _PALE = "0.45"
+_FAR_LANES = 10
+"""A car that is so many lanes beside where it started has run away: panels show what was before."""
+_ALIKE_LANES = 0.01
+"""Curves that are no further apart cover each other."""
+_MOST_CHOICES = 8
+"""Of a gap, that are told one by one."""
 
 
 def overview(trace: Trace, run: int = 0, axes: Panels = None, *, verdict: Verdict | None = None) -> Figure:
@@ -52,60 +55,51 @@ def overview(trace: Trace, run: int = 0, axes: Panels = None, *, verdict: Verdic
     _draw_lateral(lateral, trace, run)
     _draw_distances(distance, trace, run)
     happened = _happened(trace, run, verdict)
-    _number(panels, [time_s for time_s, _ in happened], float(trace.time_s[-1]))
     for panel in panels:
-        for k in chosen_anew(trace, run):
-            panel.axvline(trace.time_s[k], color=MU, linewidth=0.8, linestyle=":")
+        for time_s, _ in happened:
+            panel.axvline(time_s, color=_PALE, linewidth=0.6, linestyle=(0, (2, 2)), zorder=1)
         for touch in () if verdict is None else verdict.collisions:
             panel.axvline(touch.time_s, color=LINE, linewidth=2, alpha=0.5)
-    _write_choices(opinion, trace, run)
-    title = words("\n".join(ran(trace, run)))
-    distance.set_xlabel("time (s)")
+    distance.set_xlabel("time $t$ (s)")
     if axes is not None:
-        opinion.set_title(title, loc="left", fontsize=9, pad=14)
+        opinion.set_title(words("\n".join(ran(trace, run))), loc="left", fontsize=9, pad=14)
         return figure
-    figure.suptitle(title, x=0.01, ha="left", fontsize=10)
+    head(figure, *ran(trace, run))
     if verdict is not None:
-        told = [f"{i}  {time_s:.2f} s  {text}" for i, (time_s, text) in enumerate(happened, 1)]
         said, unsafe = _said(trace, verdict), verdict.unsafe_at_s is not None
         opinion.set_title(said, loc="left", fontsize=9, pad=14, color=LINE if unsafe else "black")
-        figure.supxlabel(words("\n".join(told)), x=0.01, ha="left", fontsize=8.5, color=_PALE)
+    if happened:
+        _number(opinion, [time_s for time_s, _ in happened], float(trace.time_s[-1]))
+        told = [f"{i}  {time_s:.2f} s  {text}" for i, (time_s, text) in enumerate(happened, 1)]
+        figure.supxlabel(words("\n".join(told)), x=0.01, ha="left", fontsize=9, color=_PALE)
         figure.set_figheight(figure.get_figheight() + _LINE_IN * len(told))
     return figure
 
 
 def ran(trace: Trace, run: int = 0) -> list[str]:
     """Lines of a title: what ran, every mismatch, and whatever else was given beside the file."""
-    scenario = trace.scenario
-    law = "" if is_paper(scenario.law) else f", {scenario.law.label}"
-    how = ", continuous time" if trace.continuous else ""
-    lines = [f"{scenario.name} on {trace.plant}{how}, seed {trace.seeds[run]}{law}"]
-    known = Mismatch()
-    off = [f"{k} {_short(v)}" for k, v in trace.mismatch[run] if v != getattr(known, k)]
-    if off:
-        lines += wrap(f"mismatch: {', '.join(off)}", LETTERS)
-    others = [said for said in scenario.changes if not said.startswith("mismatch.")]
-    if others:
-        lines += wrap(f"set: {', '.join(others)}", LETTERS)
-    return lines
+    seed, mismatch = int(trace.seeds[run]), trace.mismatch[run]
+    said = what_ran(trace.scenario, trace.plant, seed, continuous=trace.continuous, mismatch=mismatch)
+    return [part for line in said for part in fold(line)]
 
 
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def ran_both(trace: Trace, ideal: Trace) -> list[str]:
+    """A line each of two runs over each other, of which the second is broad and pale."""
+    return [f"{how}: {'; '.join(ran(one))}" for how, one in (("line", trace), ("broad, pale", ideal))]
 
 
 def _said(trace: Trace, verdict: Verdict) -> str:
     floor_m = trace.scenario.expect.min_distance_m.at_least
     floor = f"safety floor {floor_m:g} m {'held' if verdict.floor_held else 'BROKEN'}"
-    lines = wrap(f"{verdict.verdict}: {verdict.reason}; {floor}", LETTERS)
-    return words("\n".join(lines))
+    return words("\n".join(fold(f"{verdict.verdict}: {verdict.reason}; {floor}")))
 
 
 def _happened(trace: Trace, run: int, verdict: Verdict | None) -> list[tuple[float, str]]:
-    """What a verdict stands on, and the end of the merge, in order of time, s."""
+    """Which gaps it chooses, what a verdict stands on, and the end of the merge, in order of time, s."""
+    found = list(_choices(trace, run))
     if verdict is None:
-        return []
-    found = [(breach.time_s, f"hypothesis broken: {breach.hypothesis}") for breach in verdict.breaches]
+        return found
+    found += [(breach.time_s, f"hypothesis broken: {breach.hypothesis}") for breach in verdict.breaches]
     found += [(touch.time_s, touch.sentence.partition(" at ")[0]) for touch in verdict.collisions]
     if verdict.ran_off is not None:
         found.append((verdict.ran_off.time_s, "the ego runs off the end of its lane"))
@@ -116,21 +110,28 @@ def _happened(trace: Trace, run: int, verdict: Verdict | None) -> list[tuple[flo
     return sorted(found)
 
 
-def _number(panels: Sequence[Axes], times_s: Sequence[float], end_s: float) -> None:
-    """A thin line at each time, and above the first panel the numbers of what happened there."""
-    for time_s in times_s:
-        for panel in panels:
-            panel.axvline(time_s, color=_PALE, linewidth=0.6, linestyle=(0, (2, 2)), zorder=1)
+def _choices(trace: Trace, run: int) -> Iterator[tuple[float, str]]:
+    """From when on it goes for which gap, under a law that chooses; of many, how many and the last."""
+    found = chosen_anew(trace, run)
+    for k in found if len(found) <= _MOST_CHOICES else found[-1:]:
+        one, two = (1 + int(np.broadcast_to(j, trace.front_m.shape[:2])[run, k]) for j in trace.two)
+        gap = f"for the gap between vehicles {one} and {two}"
+        many = (
+            f"goes {gap}" if len(found) <= _MOST_CHOICES else f"chooses anew, the {len(found)}th time, {gap}"
+        )
+        yield float(trace.time_s[k]), f"the ego {many}"
+
+
+def _number(panel: Axes, times_s: Sequence[float], end_s: float) -> None:
+    """Above the panel the numbers of what happened there."""
     first = 0
     for i, time_s in enumerate(times_s):
         last = i + 1 == len(times_s) or times_s[i + 1] - time_s > _TOGETHER * end_s
         if last:
             text = str(i + 1) if first == i else f"{first + 1}\N{EN DASH}{i + 1}"
             where = ((times_s[first] + time_s) / 2, 1.01)
-            transform = panels[0].get_xaxis_transform()
-            panels[0].text(
-                *where, text, transform=transform, ha="center", va="bottom", fontsize=8, color=_PALE
-            )
+            style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 9, "color": _PALE}
+            panel.text(*where, text, transform=panel.get_xaxis_transform(), **style)
             first = i + 1
 
 
@@ -154,45 +155,92 @@ def _draw_lateral(axes: Axes, trace: Trace, run: int) -> None:
     _draw_end(axes, trace, run)
     for c, car in reversed([*enumerate(trace.roster.cars)]):
         axes.plot(trace.time_s, trace.front_m[run, :, c, 1], color=colour(car))
-    axes.set_ylabel("lateral position $\\eta^\\top p$ (m)")
+    axes.set_ylabel("lateral position $\\eta^{\\!\\top}\\!p$ (m)")
+    near, ramp = near_the_road(trace, run), trace.ramp
+    shown = trace.front_m[run, near, :, 1].ravel()
+    limits(axes, shown if ramp is None else np.append(shown, (ramp.inner_m[0], ramp.outer_m[0])))
     each = [
-        End(_name(car), trace.front_m[run, :, c, 1], colour(car)) for c, car in enumerate(trace.roster.cars)
+        End(
+            _names([trace.roster.cars[c] for c in of]),
+            trace.front_m[run, :, of[0], 1],
+            colour(trace.roster.cars[of[0]]),
+        )
+        for of in _covering(trace, run, near)
     ]
     ends(axes, each)
 
 
+def near_the_road(trace: Trace, run: int) -> Array:
+    """When no car of a simulation has run away yet, (T,)."""
+    lateral_m = trace.front_m[run, :, :, 1]
+    far = np.abs(lateral_m - lateral_m[0]) > _FAR_LANES * trace.scenario.road.lane_width_m
+    return ~np.logical_or.accumulate(far.any(axis=1))
+
+
+def _covering(trace: Trace, run: int, near: Array) -> list[list[int]]:
+    """Cars by their places on the roster, those together whose curves across the road cover each other."""
+    lateral_m = trace.front_m[run, near, :, 1]
+    found: list[list[int]] = []
+    for c in range(len(trace.roster.cars)):
+        for of in found:
+            off = np.abs(lateral_m[:, c] - lateral_m[:, of[0]])
+            if of[0] and (off <= _ALIKE_LANES * trace.scenario.road.lane_width_m).all():
+                of.append(c)
+                break
+        else:
+            found.append([c])
+    return found
+
+
 def _draw_distances(axes: Axes, trace: Trace, run: int) -> None:
     """Every d_j with the least of it, the floor, and between which bodies is how much room."""
-    t, neighbours = trace.time_s, trace.roster.neighbours
-    each = []
-    for j, car in enumerate(neighbours):
-        d_m, own = trace.distance_m[run, :, j], colour(car)
-        axes.plot(t, d_m, color=own)
-        least = "" if np.isnan(d_m).all() else f", least {_metres(np.nanmin(d_m))}"
-        each.append(End(f"$d_{{{j + 1}}}${least}", d_m, own))
-        if not np.isnan(d_m).all():
-            k = int(np.nanargmin(d_m))
-            axes.plot(t[k], d_m[k], "o", color=own, markersize=4)
-    clearance_m = trace.clearance_m[run, :, : len(neighbours)]
+    t, near = trace.time_s, near_the_road(trace, run)
+    each = draw_each_d(axes, trace, run)
+    clearance_m = trace.clearance_m[run, :, : len(each)]
+    shown = [np.zeros(1), trace.distance_m[run, near].ravel(), clearance_m[near].ravel()]
     bodies = not np.isnan(clearance_m).all()
-    for j, car in enumerate(neighbours):
+    for j, end in enumerate(each):
         if bodies:
-            axes.plot(t, clearance_m[:, j], color=colour(car), linewidth=0.9, linestyle=(0, (4, 2)))
+            axes.plot(t, clearance_m[:, j], color=end.own, linewidth=0.9, linestyle=(0, (4, 2)))
     if trace.edge_distance_m is not None:
         edge_m = trace.edge_distance_m[run]
-        axes.plot(t, edge_m, color="0.4", linestyle="--")
-        each.append(End("body to the edge", edge_m, "0.4"))
+        axes.plot(t, edge_m, color="0.4", linestyle=(0, (1, 1)))
+        each.append(End(f"edge{_least(edge_m)}", edge_m, "0.4"))
+        shown.append(edge_m[edge_m < np.fmax.reduce(shown[1])])
     floor_m = trace.scenario.expect.min_distance_m.at_least
     axes.axhline(0, color=LINE, linewidth=1)
     if floor_m:
         axes.axhline(floor_m, color=LINE, linewidth=0.9, linestyle=(0, (6, 3)))
         each.append(End(f"floor {floor_m:g} m", np.full_like(t, floor_m), LINE))
-    axes.set_ylabel("distance $d_j$ (m)" + ("\nbetween bodies dashed" if bodies else ""))
+        shown.append(np.array([floor_m]))
+    limits(axes, np.concatenate(shown))
+    others = [
+        (bodies, "between bodies dashed"),
+        (trace.edge_distance_m is not None, "body to the edge dotted"),
+    ]
+    axes.set_ylabel("\n".join(["distance $d_j$ (m)", *(text for there, text in others if there)]))
     ends(axes, each)
 
 
-def _metres(value: float) -> str:
-    return (f"{value:.3f} m" if abs(value) < 1e6 else f"{value:.3g} m").replace("-", "\N{MINUS SIGN}")
+def draw_each_d(axes: Axes, trace: Trace, run: int) -> list[End]:
+    """Every d_j of a simulation with a dot where it is least; what is to be written at their ends."""
+    each = []
+    for j, car in enumerate(trace.roster.neighbours):
+        d_m, own = trace.distance_m[run, :, j], colour(car)
+        axes.plot(trace.time_s, d_m, color=own)
+        if not np.isnan(d_m).all():
+            k = int(np.nanargmin(d_m))
+            axes.plot(trace.time_s[k], d_m[k], "o", color=own, markersize=4)
+        each.append(End(f"$d_{{{j + 1}}}${_least(d_m)}", d_m, own))
+    return each
+
+
+def _least(distance_m: Array) -> str:
+    """The least of a curve, behind its name; nothing where it has none."""
+    if np.isnan(distance_m).all():
+        return ""
+    value = float(np.nanmin(distance_m))
+    return words(f", least {value:.3f} m" if abs(value) < 1e6 else f", least {value:.3g} m")
 
 
 def _draw_end(axes: Axes, trace: Trace, run: int) -> None:
@@ -206,16 +254,13 @@ def _draw_end(axes: Axes, trace: Trace, run: int) -> None:
     axes.fill_between(trace.time_s, edge_m, outer_m, where=past, color="0.8", linewidth=0)
     if past.any():
         where = trace.time_s[int(np.argmax(past))], (edge_m[0] + outer_m) / 2
-        axes.text(*where, " no road", va="center", fontsize=8, color=_PALE)
+        axes.text(*where, " no road", va="center", fontsize=9, color="0.3")
 
 
-def _write_choices(axes: Axes, trace: Trace, run: int) -> None:
-    """Which gap it goes for, beside the time from which it does."""
-    for k in chosen_anew(trace, run):
-        one, two = (1 + int(np.broadcast_to(j, trace.front_m.shape[:2])[run, k]) for j in trace.two)
-        where, text = (trace.time_s[k], 0.98), f" between {one} and {two}"
-        axes.text(*where, text, transform=axes.get_xaxis_transform(), rotation=90, va="top", fontsize=8)
-
-
-def _name(car: str) -> str:
-    return car.replace("_", " ")
+def _names(cars: Sequence[str]) -> str:
+    """``vehicle 3``, ``vehicles 1 to 6``, ``vehicles 1, 3``."""
+    numbers = [car.rpartition("_")[2] for car in cars]
+    if len(cars) == 1:
+        return cars[0].replace("_", " ")
+    row = len(cars) > 2 and int(numbers[-1]) - int(numbers[0]) == len(cars) - 1
+    return f"vehicles {numbers[0]} to {numbers[-1]}" if row else f"vehicles {', '.join(numbers)}"

@@ -7,13 +7,26 @@ shows the difference. Lengths in m, time in s; nothing here opens a window.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.overview import LETTERS, ran
-from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, PALE, End, Panels, ends, length, sheet, words
+from mjmerge.figures.overview import draw_each_d, near_the_road, ran, ran_both
+from mjmerge.figures.style import (
+    COLOURS,
+    LINE,
+    MU,
+    OPINION,
+    PALE,
+    End,
+    Panels,
+    ends,
+    head,
+    length,
+    limits,
+    sheet,
+    words,
+)
 from mjmerge.law import of_paper
 from mjmerge.roster import colour
 from mjmerge.simulation.trace import Trace
@@ -42,29 +55,31 @@ def opinion(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> Fi
     heights, height_in = ((3, 3), 5.4) if ideal is None else ((3, 1, 3, 1), 7.2)
     figure, panels = sheet(heights, height_in, axes=axes)
     top, bottom = (panels[0], panels[1]) if ideal is None else (panels[0], panels[2])
-    t = trace.time_s
-    _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
+    t, law, lateral_m = trace.time_s, trace.scenario.law, trace.front_m[0, :, 0, 1]
+    _shade_closing(top, trace, told=True)
     _shade_closing(bottom, trace)
-    paper = of_paper(trace.scenario.law)
-    top.axhline(paper.k_s / paper.k_mu, color=MU, linestyle=":", label="$1/k_\\mu$")
-    law = trace.scenario.law
-    lane = f"lane of Vehicles {law.j_1 + 1} and {law.j_2 + 1}"
-    bottom.axhline(trace.front_m[0, 0, 1 + law.j_1, 1], color=LINE, label=lane)
+    paper = of_paper(law)
+    most, lane_m = paper.k_s / paper.k_mu, trace.front_m[0, 0, 1 + law.j_1, 1]
+    top.axhline(most, color=MU, linestyle=":")
+    bottom.axhline(lane_m, color=LINE)
     if ideal is not None:
-        top.plot(t, ideal.opinion[0], color=OPINION, label="$z$, ideal", **PALE)
-        bottom.plot(t, ideal.front_m[0, :, 0, 1], color=COLOURS["ego"], label="ego, ideal", **PALE)
-    top.plot(t, trace.opinion[0], color=OPINION, label=_label("$z$", trace, ideal))
-    bottom.plot(t, trace.front_m[0, :, 0, 1], color=COLOURS["ego"], label=_label("ego", trace, ideal))
+        top.plot(t, ideal.opinion[0], color=OPINION, **PALE)
+        bottom.plot(t, ideal.front_m[0, :, 0, 1], color=COLOURS["ego"], **PALE)
+    top.plot(t, trace.opinion[0], color=OPINION)
+    bottom.plot(t, lateral_m, color=COLOURS["ego"])
     top.set_ylabel("opinion $z$")
-    top.set_ylim(-0.01, 0.235)
-    bottom.set_ylabel("lateral position $\\eta^\\top p$ (m)")
+    limits(top, np.append(trace.opinion[0], (0.0, 1.1 * most)))
+    limits(bottom, np.append(lateral_m[near_the_road(trace, 0)], lane_m))
+    ends(top, [End("$z$", trace.opinion[0], OPINION), End("$1/k_\\mu$", np.full_like(t, most), MU)])
+    lane = End(f"lane of {law.j_1 + 1} and {law.j_2 + 1}", np.full_like(t, lane_m), LINE)
+    ends(bottom, [lane, End("ego", lateral_m, COLOURS["ego"])])
+    bottom.set_ylabel("lateral position $\\eta^{\\!\\top}\\!p$ (m)")
     if ideal is not None:
         difference(panels[1], t, {"": (trace.opinion[0] - ideal.opinion[0], OPINION)}, "$\\Delta z$", "")
         off = trace.front_m[0, :, 0, 1] - ideal.front_m[0, :, 0, 1]
-        difference(panels[3], t, {"": (off, COLOURS["ego"])}, "$\\Delta\\eta^\\top p$", "m")
+        difference(panels[3], t, {"": (off, COLOURS["ego"])}, "$\\Delta\\eta^{\\!\\top}\\!p$", "m")
     panels[-1].set_xlabel("time $t$ (s)")
-    top.legend(loc="lower right", frameon=False)
-    bottom.legend(loc="upper right", frameon=False)
+    _head(figure, top, trace, ideal, axes)
     return figure
 
 
@@ -82,35 +97,30 @@ def distances(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> 
     Raises:
         MjmergeError: it is another number of panels.
     """
-    heights, height_in = ((3,), 3.6) if ideal is None else ((3, 1), 5.2)
+    heights, height_in = ((3,), 3.9) if ideal is None else ((3, 1), 5.6)
     figure, panels = sheet(heights, height_in, axes=axes)
     top, t = panels[0], trace.time_s
-    _shade_closing(top, trace, f"{_vehicle(trace.scenario.law.follower)} closes the gap")
+    _shade_closing(top, trace, told=True)
+    shown = [np.zeros(1), trace.distance_m[0, near_the_road(trace, 0)].ravel()]
     if ideal is not None:
-        _draw_distances(top, ideal, 0, ", ideal", **PALE)
-    _draw_distances(top, trace, 0, "" if ideal is None else f", {trace.plant}")
-    for j, car in enumerate(trace.roster.neighbours):
-        d = trace.distance_m[0, :, j]
-        least = int(np.nanargmin(d))
-        top.plot(t[least], d[least], "o", color=colour(car), markersize=4)
-        top.annotate(
-            f"{d[least]:.3f} m".replace("-", "\N{MINUS SIGN}"),
-            (t[least], d[least]),
-            xytext=(0, -13),
-            textcoords="offset points",
-            ha="center",
-            color=colour(car),
-        )
+        shown.append(ideal.distance_m[0].ravel())
+        for j, car in enumerate(ideal.roster.neighbours):
+            top.plot(t, ideal.distance_m[0, :, j], color=colour(car), **PALE)
+    each = draw_each_d(top, trace, 0)
+    top.axhline(0, color=LINE, linewidth=1)
+    top.set_ylabel("distance $d_j$ (m)")
     touching = np.flatnonzero(trace.touching_ego[0].any(axis=1))
     if touching.size:
-        top.axvline(t[touching[0]], color=LINE, linestyle="--", linewidth=1, label="bodies touch")
-    top.margins(y=0.12)
+        top.axvline(t[touching[0]], color=LINE, linestyle="--", linewidth=1)
+        _above(top, float(t[touching[0]]), "bodies touch\n", LINE)
+    limits(top, np.concatenate(shown))
+    ends(top, each)
     if ideal is not None:
         off = trace.distance_m[0] - ideal.distance_m[0]
-        lines = {f"$d_{j + 1}$": (off[:, j], colour(car)) for j, car in enumerate(trace.roster.neighbours)}
+        lines = {end.label.partition(",")[0]: (off[:, j], end.own) for j, end in enumerate(each)}
         difference(panels[1], t, lines, "$\\Delta d_j$", "m")
     panels[-1].set_xlabel("time $t$ (s)")
-    top.legend(loc="upper right", frameon=False, ncols=1 if ideal is None else 2)
+    _head(figure, top, trace, ideal, axes)
     return figure
 
 
@@ -141,7 +151,7 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None)
         for j, car in enumerate(trace.roster.neighbours):
             distance.plot(trace.time_s, trace.distance_m[0, :, j], color=colour(car), **how)
     opinion.set_ylabel("opinion $z$" if with_z else "command along (m/s²)")
-    lateral.set_ylabel("ego's $\\eta^\\top p$ (m)")
+    lateral.set_ylabel("ego's $\\eta^{\\!\\top}\\!p$ (m)")
     distance.set_ylabel("distance $d_j$ (m)")
     distance.axhline(0, color=LINE, linewidth=1)
     both = min((a.roster, b.roster), key=lambda there: len(there.cars)).neighbours
@@ -150,28 +160,21 @@ def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None)
     difference(apart, a.time_s[in_a], lines, "$\\Delta d_j$", "m")
     apart.set_xlabel("time $t$ (s)")
     ends(lateral, [End("ego", b.front_m[0, :, 0, 1], COLOURS["ego"])])
-    each = enumerate(b.roster.neighbours)
-    ends(distance, [End(f"$d_{{{j + 1}}}$", b.distance_m[0, :, j], colour(car)) for j, car in each])
+    more = b if len(b.roster.cars) >= len(a.roster.cars) else a
+    named = [b if j < len(both) else more for j in range(len(more.roster.neighbours))]
+    each = zip(more.roster.neighbours, named, strict=True)
+    ends(
+        distance,
+        [End(f"$d_{{{j}}}$", of.distance_m[0, :, j - 1], colour(car)) for j, (car, of) in enumerate(each, 1)],
+    )
     opinion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, ncols=2, borderaxespad=0.2)
     if axes is None:
-        each_line = []
-        for letter, label, one in zip("AB", labels, (a, b), strict=True):
-            said = (label.removeprefix(f"{letter}: "), *ran(one))
-            each_line += wrap(f"{letter}: {'; '.join(said)}", LETTERS)
-        figure.suptitle(words("\n".join(each_line)), x=0.01, ha="left", fontsize=9)
+        said = [
+            f"{letter}: " + "; ".join(dict.fromkeys((label.removeprefix(f"{letter}: "), *ran(one))))
+            for letter, label, one in zip("AB", labels, (a, b), strict=True)
+        ]
+        head(figure, *said)
     return figure
-
-
-def _draw_distances(axes: Axes, trace: Trace, run: int, of: str = "", **style: Any) -> None:
-    """Every d_j of one run, and the margin."""
-    for j, car in enumerate(trace.roster.neighbours):
-        label = f"$d_{j + 1}$ to {_name(car)}{of}"
-        axes.plot(trace.time_s, trace.distance_m[run, :, j], color=colour(car), label=label, **style)
-    if trace.edge_distance_m is not None:
-        label, dashed = f"body to the edge{of}", {"linestyle": "--", "color": "0.4"} | style
-        axes.plot(trace.time_s, trace.edge_distance_m[run], label=label, **dashed)
-    axes.axhline(0, color=LINE, linewidth=1)
-    axes.set_ylabel("distance $d_j$ (m)")
 
 
 def difference(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str]], of: str, unit: str) -> None:
@@ -194,25 +197,28 @@ def difference(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str]], of:
     ends(axes, [End(name, scale * values, own) for name, (values, own) in lines.items() if name])
 
 
-def _shade_closing(axes: Axes, trace: Trace, label: str | None = None) -> None:
-    """Marks when the follower does not yield: when it comes closer to the leader."""
+def _shade_closing(axes: Axes, trace: Trace, *, told: bool = False) -> None:
+    """Marks when the follower does not yield: when it comes closer to the leader; says so above the first."""
     speed, law = trace.velocity_mps[0, :, 1:, 0], trace.scenario.law
     closing = speed[:, law.j_2] - speed[:, law.j_1] > 0.005
     edges = np.flatnonzero(np.diff(np.concatenate([[False], closing, [False]]).astype(int)))
-    t = trace.time_s
+    t, own = trace.time_s, colour(law.follower)
     for start, end in zip(edges[::2], edges[1::2], strict=True):
-        axes.axvspan(t[start], t[end - 1], color=colour(law.follower), alpha=0.12, linewidth=0, label=label)
-        label = None
+        axes.axvspan(t[start], t[end - 1], color=own, alpha=0.12, linewidth=0)
+    if told and edges.size:
+        who = f"{law.follower.replace('_', ' ')} closes the gap"
+        _above(axes, float(t[edges[0]]), who, own)
 
 
-def _name(car: str) -> str:
-    return car.replace("_", " ")
+def _above(axes: Axes, time_s: float, text: str, own: str) -> None:
+    """Says above a panel what is from a time on; a line higher where a line is left empty."""
+    axes.text(time_s, 1.01, text, transform=axes.get_xaxis_transform(), color=own, va="bottom", fontsize=9)
 
 
-def _vehicle(car: str) -> str:
-    """As the paper calls it: Vehicle 2."""
-    return _name(car).capitalize()
-
-
-def _label(name: str, trace: Trace, ideal: Trace | None) -> str:
-    return name if ideal is None else f"{name}, {trace.plant}"
+def _head(figure: Figure, top: Axes, trace: Trace, ideal: Trace | None, axes: Panels) -> None:
+    """What ran, and which of two it is that is broad and pale; in a panel that was given, above that."""
+    said = ran(trace) if ideal is None else ran_both(trace, ideal)
+    if axes is None:
+        head(figure, *said)
+    else:
+        top.set_title(words("\n".join(said)), loc="left", fontsize=9, pad=14)

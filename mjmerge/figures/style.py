@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,6 +42,8 @@ _SMALL_M = 0.1
 """A shorter length is said in millimetres."""
 _LARGE_M = 1e6
 """One of this many metres or more has an exponent: no road is as long."""
+_MARGIN = 0.05
+"""Above and below what a panel shows, of its range."""
 _LINE_PT = 11
 """Of a text at the end of a curve, from one line to the next, points."""
 
@@ -47,9 +51,30 @@ _LINE_PT = 11
 PALE: dict[str, Any] = {"linewidth": 5, "alpha": 0.3, "solid_capstyle": "butt"}
 
 
+LETTERS = 100
+"""In a line across the figure."""
+_MINUS = re.compile(r"(?<![\w.)])-(?=\d)")
+_UNIT = re.compile(r"(?<=\d) (?=(?:m|mm|s|ms|m/s|m/s²)\b)")
+
+
 def words(text: str) -> str:
-    """A name in a figure as it is: matplotlib would read formulas between dollar signs."""
-    return text.replace("$", "\\$")
+    """A text in a figure as it is, with the minus signs that the numbers of its axes have.
+
+    Matplotlib would read formulas between dollar signs.
+    """
+    return _MINUS.sub("\N{MINUS SIGN}", text).replace("$", "\\$")
+
+
+def fold(text: str) -> list[str]:
+    """The lines of a text across the figure: a number and its unit stand on the same one."""
+    kept = "\N{NO-BREAK SPACE}"
+    return [line.replace(kept, " ") for line in wrap(_UNIT.sub(kept, text), LETTERS)]
+
+
+def head(figure: Figure, *lines: str) -> None:
+    """What a figure is of, above all its panels, each line folded where it is too long."""
+    each = [part for line in lines for part in fold(line)]
+    figure.suptitle(words("\n".join(each)), x=0.01, ha="left", fontsize=10)
 
 
 Panels = Any
@@ -119,7 +144,7 @@ def ends(axes: Axes, each: Sequence[End]) -> None:
     low, high = axes.get_ylim()
     height_pt = axes.get_window_extent().height * 72 / axes.figure.dpi
     gap = _LINE_PT / height_pt
-    last = [(i, (v[-1] - low) / (high - low)) for i, (_, v) in enumerate(shown) if v.size]
+    last = [(i, min(max((v[-1] - low) / (high - low), 0.0), 1.0)) for i, (_, v) in enumerate(shown) if v.size]
     for (i, _), y in zip(last, apart([y for _, y in last], gap), strict=True):
         text, own = shown[i][0].label, shown[i][0].own
         axes.text(1.01, y, text, transform=axes.transAxes, color=own, va="center", fontsize=9)
@@ -139,6 +164,15 @@ def apart(at: Sequence[float], gap: float) -> list[float]:
         found[i] = min(found[i], top)
         top = found[i] - gap
     return found
+
+
+def limits(axes: Axes, values: Array) -> None:
+    """Shows these values in full, and of the curves of a panel what is between them; nothing without any."""
+    known = values[np.isfinite(values)]
+    if known.size:
+        low, high = float(known.min()), float(known.max())
+        margin = _MARGIN * ((high - low) or 1.0)
+        axes.set_ylim(low - margin, high + margin)
 
 
 def length(value_m: float, digits: int = 3, sign: str = "-") -> str:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjmerge.config.document import is_text
-from mjmerge.figures.style import COLOURS, LINE, save, sheet, words
+from mjmerge.figures.overview import ran
+from mjmerge.figures.style import COLOURS, LINE, End, ends, head, save, sheet
 from mjmerge.merges.event import GENTLE_MPS2
 from mjmerge.merges.judged import Merge, Merges, as_json
 from mjmerge.merges.margins import Margins
@@ -150,37 +151,41 @@ def figure(one: Merge) -> Figure:
     mean_mps = (front[-1, 1, 0] - front[0, 1, 0]) / t[-1] if np.isfinite(front[-1, 1, 0]) else 0.0
     end = what.time_s <= t[-1] + 1e-9
     human_t, human = what.time_s[end], what.front_m[end]
+    names: tuple[list[End], ...] = ([], [], [], [])
     for j, car in enumerate(CARS):
-        body = what.bodies[j]
-        nose_m = front[:, j, 0] - mean_mps * t + body.front_overhang_m
-        line = {"color": colour(car), "label": ("law", "leader", "follower")[j]}
-        along.fill_between(t, nose_m - body.length_m, nose_m, color=colour(car), alpha=0.3, linewidth=0)
-        along.plot(t, front[:, j, 0] - mean_mps * t, **line)
-        across.plot(t, front[:, j, 1], **line)
-        speed.plot(t, _speed(t, front[:, j]), **line)
-    along.plot(human_t, human[:, 0, 0] - mean_mps * human_t, color=_HUMAN, linestyle="--", label="human")
-    across.plot(human_t, human[:, 0, 1], color=_HUMAN, linestyle="--", label="human")
-    speed.plot(human_t, _speed(human_t, human[:, 0]), color=_HUMAN, linestyle="--", label="human")
-    across.axhline(what.lane_m / 2, color=LINE, linewidth=0.8, label="edge of the new lane")
+        body, own, name = what.bodies[j], colour(car), ("law", "leader", "follower")[j]
+        at = front[:, j, 0] - mean_mps * t, front[:, j, 1], _speed(t, front[:, j])
+        nose_m = at[0] + body.front_overhang_m
+        along.fill_between(t, nose_m - body.length_m, nose_m, color=own, alpha=0.3, linewidth=0)
+        for panel, values, names_there in zip((along, across, speed), at, names, strict=False):
+            panel.plot(t, values, color=own)
+            names_there.append(End(name, values, own))
+    at = human[:, 0, 0] - mean_mps * human_t, human[:, 0, 1], _speed(human_t, human[:, 0])
+    for panel, values, names_there in zip((along, across, speed), at, names, strict=False):
+        panel.plot(human_t, values, color=_HUMAN, linestyle="--")
+        names_there.append(End("human", values, _HUMAN))
+    across.axhline(what.lane_m / 2, color=LINE, linewidth=0.8)
+    names[1].append(End("edge of the new lane", np.array([what.lane_m / 2]), LINE))
     for j, car in enumerate(CARS[1:], 1):
-        distance.plot(t, trace.distance_m[0, :, j - 1], color=colour(car), label=f"law, $d_{j}$")
-        d_m = np.hypot(*(human[:, 0] - human[:, j]).T) - what.r_m
-        distance.plot(human_t, d_m, color=colour(car), linestyle="--", label=f"human, $d_{j}$")
+        of_human_m = np.hypot(*(human[:, 0] - human[:, j]).T) - what.r_m
+        for of, when, d_m, style in (
+            ("law", t, trace.distance_m[0, :, j - 1], "-"),
+            ("human", human_t, of_human_m, "--"),
+        ):
+            distance.plot(when, d_m, color=colour(car), linestyle=style)
+            names[3].append(End(f"{of}, $d_{j}$", d_m, colour(car)))
     distance.axhline(0, color=LINE, linewidth=0.8)
     along.set_ylabel(f"along the lane, less {mean_mps:.1f} m/s · t (m)")
     across.set_ylabel("across (m)")
     speed.set_ylabel("speed (m/s)")
     distance.set_ylabel("distance $d_j$ (m)")
     distance.set_xlabel(f"time (s), from {what.from_s:.1f} s of the record")
-    for axes, entered, style in (
-        (across, one.law.entered_s, {"color": COLOURS["ego"]}),
-        (across, one.human.entered_s, {"color": _HUMAN, "linestyle": "--"}),
-    ):
-        if entered is not None:
-            axes.axvline(entered, linewidth=0.8, **style)
-    for axes in (along, across, speed, distance):
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize="small")
-    drawn.suptitle(f"{words(what.name)}: {one.verdict.verdict}", fontsize="medium")
+    for panel, each in zip((along, across, speed, distance), names, strict=True):
+        ends(panel, each)
+    for margins, own, style in ((one.law, COLOURS["ego"], "-"), (one.human, _HUMAN, "--")):
+        if margins.entered_s is not None:
+            across.axvline(margins.entered_s, color=own, linewidth=0.8, linestyle=style)
+    head(drawn, *ran(trace), f"{one.verdict.verdict}: {one.verdict.reason}")
     return drawn
 
 

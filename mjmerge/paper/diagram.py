@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mjmerge.figures.overview import ran_both
 from mjmerge.figures.runs import difference
-from mjmerge.figures.style import MU, OPINION, PALE, sheet
+from mjmerge.figures.style import MU, OPINION, PALE, head, sheet
 from mjmerge.paper.bifurcation import Branches
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict.metrics import INTENT
 
-if TYPE_CHECKING:
-    pass
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -50,6 +49,10 @@ def bifurcation(found: Branches, mu: Array, time_s: Array, z: Array) -> Figure:
     course.set_ylabel("opinion $z$, with $\\mu$ held")
     course.set_ylim(-0.004, 1.3 * z[0].max())
     course.legend(loc="upper right", frameon=False, ncols=2)
+    head(
+        figure,
+        "the opinion with μ held: circles are where it starts, dots where it comes to rest",
+    )
     return figure
 
 
@@ -57,8 +60,8 @@ def bifurcation_run(found: Branches, trace: Trace, ideal: Trace) -> Figure:
     """The branches, and the way that mu and z took over them in a run, beside the ideal one; simulation 0."""
     figure, (plane, course) = sheet((1,), 4.2, columns=2)
     _draw_branches(plane, found)
-    plane.plot(ideal.mu[0], ideal.opinion[0], color=OPINION, label="the run, ideal", **PALE)
-    plane.plot(trace.mu[0], trace.opinion[0], color=OPINION, label=f"the run, {trace.plant}")
+    plane.plot(ideal.mu[0], ideal.opinion[0], color=OPINION, **PALE)
+    plane.plot(trace.mu[0], trace.opinion[0], color=OPINION)
     t = trace.time_s
     wants = trace.weight[0] > INTENT
     for tick in (0, *(int(k) + 1 for k in np.flatnonzero(np.diff(wants)))):
@@ -77,6 +80,7 @@ def bifurcation_run(found: Branches, trace: Trace, ideal: Trace) -> Figure:
     }
     difference(course, t, lines, f"{trace.plant} less ideal", "")
     course.set_xlabel("time $t$ (s)")
+    head(figure, *ran_both(trace, ideal))
     return figure
 
 

@@ -93,6 +93,7 @@ def reproduce(folder: Path, *, replace: bool = False, progress: Progress | None 
 def runs(scenario: Scenario, progress: Progress) -> dict[str, Pair]:
     """A scenario and the same with k_o = 0, ideal and on MuJoCo."""
     without = scenario.model_copy(update={"law": scenario.law.model_copy(update={"k_o": 0.0})})
+    without = without.recalling((*scenario.changes, "law.k_o=0"))
     shares = {(IDEAL, False): 0.15, (IDEAL, True): 0.3, (REAL, False): 0.65, (REAL, True): 1.0}
     traces: dict[tuple[str, bool], Trace] = {}
     done = 0.0

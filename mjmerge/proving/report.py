@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, MU, save, save_columns, save_rows, sheet
+from mjmerge.figures.style import COLOURS, LINE, MU, head, save, save_columns, save_rows, sheet
 from mjmerge.outputs import put
 from mjmerge.proving.identify import FRICTION, Identification
 from mjmerge.proving.manoeuvres import compliance_rad
@@ -119,8 +119,8 @@ def cornering(found: Identification) -> Figure:
     panel.margins(x=0.03, y=0.25)
     panel.set_xlabel("speed (m/s)")
     panel.set_ylabel("cornering stiffness (N/rad)")
-    panel.set_title("lines: data sheet; bands: 1 %", loc="right", fontsize="small")
     panel.legend(loc="upper left", frameon=False, ncols=2)
+    head(figure, f"{found.model}: cornering stiffness in steady turns; lines: its data sheet, bands: 1 %")
     return figure
 
 
@@ -150,11 +150,15 @@ def handling(found: Identification) -> Figure:
         right.plot(np.degrees(steer), a, color=colour, linewidth=0.5, alpha=0.35)
         mean = np.convolve(a, np.full(_SMOOTH, 1 / _SMOOTH), "valid")
         middle = steer[_SMOOTH // 2 :][: len(mean)]
-        right.plot(np.degrees(middle), mean, color=colour, label=f"{v:.3g} m/s")
+        right.plot(np.degrees(middle), mean, color=colour, label=f"at {v:.3g} m/s")
     right.axhline(FRICTION, color=LINE, linewidth=1, label=r"$\mu g$")
     right.set_xlabel("steering angle, slowly raised (deg)")
     right.set_ylabel("lateral acceleration (g)")
     right.legend(loc="lower right", frameon=False)
+    head(
+        figure,
+        f"{found.model}: left, steering beyond that of a car without slip; right, all that its tyres give",
+    )
     return figure
 
 
@@ -168,7 +172,6 @@ def longitudinal(found: Identification) -> Figure:
         left.plot(coasting.time_s, believed, "--", color=_MODEL, label=None if i else "data sheet")
     left.set_xlabel("time (s)")
     left.set_ylabel("speed (m/s)")
-    left.set_title("coasting", loc="right", fontsize="small")
     for i, v in enumerate(braking.speed_mps):
         way = braking.x_m[i] - braking.x_m[i, 0]
         right.plot(way, v, color=_FRONT, linewidth=1.5, label=None if i else "car")
@@ -178,10 +181,10 @@ def longitudinal(found: Identification) -> Figure:
     right.set_xlabel("distance (m)")
     right.set_ylabel("speed (m/s)")
     right.set_xlim(left=0)
-    right.set_title("full braking", loc="right", fontsize="small")
     for panel, place in ((left, "lower left"), (right, "upper right")):
         panel.set_ylim(bottom=0)
         panel.legend(loc=place, frameon=False)
+    head(figure, f"{found.model}: left, coasting; right, full braking")
     return figure
 
 
@@ -189,12 +192,11 @@ def steering(found: Identification) -> Figure:
     """Steps of the steering: a small one for the lag, a large one for the rate limit."""
     figure, panels = sheet((1,), 3.4, columns=2)
     step = found.step
-    for panel, i, name in zip(panels, (0, 1), ("small step", "large step"), strict=True):
-        panel.plot(step.time_s, np.degrees(step.steer_command_rad[i]), color=_MODEL, label="told")
+    for i, panel in enumerate(panels):
+        panel.plot(step.time_s, np.degrees(step.steer_command_rad[i]), color=_MODEL, label="commanded")
         panel.plot(step.time_s, np.degrees(step.steer_rad[i]), color=_FRONT, label="wheels")
         panel.set_xlabel("time (s)")
         panel.set_ylabel("steering angle (deg)")
-        panel.set_title(name, loc="right", fontsize="small")
     panels[0].set_xlim(0, 8 * found.sheet.steer_lag_s)
     panels[0].axvline(found.sheet.steer_lag_s, color=LINE, linewidth=1, label="63 % by the data sheet")
     panels[0].axhline(0.632 * np.degrees(step.steer_command_rad[0, -1]), color=LINE, linewidth=0.5)
@@ -202,6 +204,7 @@ def steering(found: Identification) -> Figure:
     panels[1].plot([0, end / rate], [0, np.degrees(end)], "--", color=LINE, linewidth=1, label="rate limit")
     for panel in panels:
         panel.legend(loc="lower right", frameon=False)
+    head(figure, f"{found.model}: steps of the steering; left, a small one; right, a large one")
     return figure
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, head, sheet
+from mjmerge.scenario.ran import ran
 from mjmerge.search.falsify import Search
 from mjmerge.search.space import Coordinate
 from mjmerge.sweep.plan import MISMATCH
@@ -15,7 +16,8 @@ from mjmerge.sweep.plan import MISMATCH
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SHADES = (COLOURS["ego"], "#777777")  # of a search, and of the one beside it
+_SHADES = ((COLOURS["vehicle_1"], "o", "dots"), (COLOURS["vehicle_2"], "^", "triangles"))
+"""Of a search, and of the one beside it."""
 _NAMES = {"cma": "CMA-ES", "random": "uniform random", "samples": "samples"}
 
 
@@ -26,13 +28,13 @@ def progress(searches: Sequence[Search]) -> Figure:
         searches: one, or two by different methods.
     """
     figure, (margins, counts) = sheet((3, 2), 6.0)
-    for found, shade in zip(searches, _SHADES, strict=False):
+    for found, (shade, mark, _) in zip(searches, _SHADES, strict=False):
         fair = [look for look in found.looks if look.margin_m is not None]
         at = np.array([look.number + 1 for look in fair])
         m = np.array([look.margin_m for look in fair], dtype=float)
         fails = np.array([look.fails for look in fair], dtype=bool)
-        margins.scatter(at[~fails], m[~fails], s=6, color=shade, alpha=0.35, linewidth=0)
-        margins.scatter(at[fails], m[fails], s=20, color=shade, marker="x", linewidth=1, zorder=3)
+        margins.scatter(at[~fails], m[~fails], s=9, color=shade, marker=mark, alpha=0.35, linewidth=0)
+        margins.scatter(at[fails], m[fails], s=24, color=shade, marker="x", linewidth=1, zorder=3)
         runs = len(found.looks)
         if fair:
             least = np.minimum.accumulate(m)
@@ -53,8 +55,13 @@ def progress(searches: Sequence[Search]) -> Figure:
     counts.set_ylabel("failures so far")
     counts.set_xlabel("run")
     counts.margins(y=0.15)
+    marks = [f"{form} ({_NAMES[found.method]})" for found, (*_, form) in zip(searches, _SHADES, strict=False)]
     ground = searches[0].ground
-    figure.suptitle(words(f"{ground.scenario.name} on {ground.plant}: dots are fair runs, crosses fail"))
+    head(
+        figure,
+        *ran(ground.scenario, ground.plant),
+        f"{' and '.join(marks)} are fair runs, crosses fail, lines are the least so far",
+    )
     return figure
 
 
@@ -63,25 +70,28 @@ def where(found: Search) -> Figure:
     coordinates = found.ground.coordinates
     figure, (axes,) = sheet((1,), 1.2 + 0.28 * len(coordinates))
     rng = np.random.default_rng(0)  # so that dots do not hide each other
-    for fails, shade, size, alpha in ((False, "#777777", 5, 0.25), (True, LINE, 14, 0.8)):
+    for fails, shade, mark, size, alpha in ((False, "#777777", "o", 7, 0.25), (True, LINE, "x", 16, 0.9)):
         points = [look.point for look in found.looks if look.fair and look.fails == fails]
         if not points:
             continue
         x = np.array(points)
         rows = np.broadcast_to(np.arange(len(coordinates)), x.shape)
         y = rows + 0.5 * (rng.random(x.shape) - 0.5)
-        axes.scatter(x.ravel(), y.ravel(), s=size, color=shade, alpha=alpha, linewidth=0)
-    axes.set_yticks(range(len(coordinates)), [name(one) for one in coordinates], fontsize=8)
+        width = 1 if fails else 0
+        axes.scatter(x.ravel(), y.ravel(), s=size, color=shade, marker=mark, alpha=alpha, linewidth=width)
+    axes.set_yticks(range(len(coordinates)), [name(one) for one in coordinates], fontsize=9)
     axes.set_ylim(len(coordinates) - 0.5, -0.5)
     for k, one in enumerate(coordinates):
         low, high = (_text(one.spread.at(part)) for part in (0.0, 1.0))
-        axes.text(1.02, k, f"{low} to {high}", va="center", fontsize=8, transform=axes.get_yaxis_transform())
+        axes.text(1.02, k, f"{low} to {high}", va="center", fontsize=9, transform=axes.get_yaxis_transform())
     axes.set_xlim(-0.02, 1.02)
     axes.set_xticks([0, 0.5, 1], ["least", "", "most"])
     ground = found.ground
-    red = f"fair runs, and in red the {len(found.failures)} that fail"
-    title = f"{ground.scenario.name} on {ground.plant}: {red}"
-    figure.suptitle(words(title))
+    head(
+        figure,
+        *ran(ground.scenario, ground.plant),
+        f"dots are fair runs, red crosses the {len(found.failures)} that fail, beside them the range of each",
+    )
     return figure
 
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, MU, save, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, MU, head, save, sheet
 from mjmerge.outputs import put
 from mjmerge.scenario.load import dump
+from mjmerge.scenario.ran import ran
 from mjmerge.search.candidate import LEAST_STOOD, LONGER, Candidate
 from mjmerge.search.falsify import SCREEN_S, Search
 from mjmerge.search.harden import Fresh, Hardened, worst_m
@@ -330,7 +331,7 @@ def frontier(found: Hardened) -> Figure:
     figure, (left, right) = sheet((1,), 4.2, columns=2)
     for axes, name, label in (
         (left, "merged_s", "merged at, without mismatch (s)"),
-        (right, "peak_mps2", "most that is asked for, without mismatch (m/s$^2$)"),
+        (right, "peak_mps2", "most that is asked for, without mismatch (m/s²)"),
     ):
         x = [getattr(one, name) for one in good]
         axes.scatter(x, [one.worst_m for one in good], s=16, color=MU, linewidth=0)
@@ -351,7 +352,11 @@ def frontier(found: Hardened) -> Figure:
         _mark(axes, name, marked)
         axes.set_xlabel(label)
         axes.set_ylabel(f"worst margin over {last.cases} cases (m)")
-    figure.suptitle(words(f"{found.ground.scenario.name} on {found.ground.plant}: laws that were tried"))
+    head(
+        figure,
+        *ran(found.ground.scenario, found.ground.plant),
+        "dots are laws that were tried; those on the line no other beats in both margin and time",
+    )
     return figure
 
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from mjmerge.errors import MjmergeError
-from mjmerge.figures.style import COLOURS, LINE, length, save, save_rows, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, End, ends, head, length, save, save_rows, sheet, words
 from mjmerge.outputs import put
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch
@@ -20,6 +22,7 @@ from mjmerge.sweep.sweep import measured
 from mjmerge.sweep.workers import Progress, Workers
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from rich.table import Table
 
@@ -258,54 +261,51 @@ def rich_table(ladder: Ladder) -> Table:
 
 def waterfall(ladder: Ladder) -> Figure:
     """Least d_j on every rung; below it, larger, what the step there took or gave."""
-    figure, (axes, steps) = sheet((3, 2), 5.6)
+    figure, (axes, steps) = sheet((3, 2), 5.9)
     least = [rung.row["min_distance_m"] for rung in ladder.rungs]
-    highest = max((m for m in least if m is not None), default=1.0)
-    before: float | None = None
+    unit = length(
+        max((abs(rung.cost_m) for rung in ladder.rungs if rung.cost_m is not None), default=0.0)
+    ).split()[1]
     for i, (rung, now) in enumerate(zip(ladder.rungs, least, strict=True)):
         if now is None:
-            axes.text(i, 0, "no data", ha="center", va="bottom", fontsize=8)
+            axes.text(i, 0, "no data", ha="center", va="bottom", fontsize=9)
         else:
-            base = now if before is None else min(now, before) if now > 0 else now
-            axes.bar(i, base, color=COLOURS["vehicle_1"], alpha=0.85, width=0.7)
-            if before is not None:
-                colour = COLOURS["vehicle_2" if now < before else "ego"]
-                axes.bar(i, now - before, bottom=before, color=colour, width=0.7)
-                axes.plot((i - 0.65, i + 0.35), (before, before), color="black", linewidth=0.7)
-            top = max(now, before or now, 0)
-            axes.annotate(f"{now:.3f} m", (i, top), (0, 3), textcoords="offset points", ha="center")
+            axes.bar(i, now, color=COLOURS["vehicle_1"], alpha=0.85, width=0.7)
+            _beyond(axes, i, now, f"{now:.3f} m")
         if rung.cost_m is not None:
-            gain_m = -rung.cost_m
-            colour = COLOURS["vehicle_2" if gain_m < 0 else "ego"]
-            steps.bar(i, gain_m, color=colour, width=0.7)
-            up = 3 if gain_m >= 0 else -3
-            steps.annotate(
-                _change(rung),
-                (i, gain_m),
-                (0, up),
-                textcoords="offset points",
-                ha="center",
-                va="bottom" if up > 0 else "top",
-            )
-        before = now
+            gain = -rung.cost_m * (1e3 if unit == "mm" else 1.0)
+            steps.bar(i, gain, color=COLOURS["vehicle_2" if gain < 0 else "ego"], width=0.7)
+            _beyond(steps, i, gain, length(-rung.cost_m, 2, "+"))
     axes.axhline(0, color=LINE, linewidth=1)
     floor = ladder.scenario.expect.min_distance_m.at_least
     if floor:
         axes.axhline(floor, color=LINE, linewidth=1, linestyle=":")
-        box = {"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1}
-        axes.text(-0.45, floor, "safety floor", va="center", fontsize=8, bbox=box)
-    axes.set_ylim(min([0.0, *(1.2 * m for m in least if m is not None)]), 1.15 * max(highest, 0.01))
     steps.axhline(0, color="black", linewidth=0.7)
-    low, high = steps.get_ylim()
-    steps.set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
+    for panel in (axes, steps):
+        low, high = panel.get_ylim()
+        panel.set_ylim(low - (0.2 * (high - low) if low < 0 else 0), high + 0.2 * (high - low))
+        panel.grid(visible=False, axis="x")
+    if floor:
+        ends(axes, [End(f"floor {floor:g} m", np.array([floor]), LINE)])
     steps.set_xticks(range(len(ladder.rungs)), [rung.name for rung in ladder.rungs])
     steps.set_xlim(-0.5, len(ladder.rungs) - 0.5)
     axes.set_ylabel("least $d_j$ (m)")
-    steps.set_ylabel("this step (m)")
-    for panel in (axes, steps):
-        panel.grid(visible=False, axis="x")
-    figure.suptitle(f"{words(ladder.scenario.name)}: what is left of the margin, rung by rung")
+    steps.set_ylabel(f"this step adds ({unit})")
+    given = ladder.rungs[-1].case.batch.overrides
+    head(
+        figure,
+        f"{ladder.scenario.name}: what is left of the margin, rung by rung",
+        delay_line(ladder),
+        *([f"set: {', '.join(given)}"] if given else []),
+    )
     return figure
+
+
+def _beyond(axes: Axes, at: int, value: float, text: str) -> None:
+    """Writes what a bar comes to beyond its end."""
+    up = value >= 0
+    where, va = (0, 3 if up else -3), "bottom" if up else "top"
+    axes.annotate(words(text), (at, value), where, textcoords="offset points", ha="center", va=va)
 
 
 def delay_line(ladder: Ladder) -> str:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mjmerge.figures.style import COLOURS, LINE, MU, save, words
+from mjmerge.figures.style import COLOURS, LINE, MU, head, save, words
 from mjmerge.outputs import put
+from mjmerge.scenario.ran import ran
 from mjmerge.scenario.space import Distribution
 from mjmerge.search.findings import LOOKS
 from mjmerge.search.kept import FIGURE, REPORT, RESULTS, looks
@@ -238,7 +239,7 @@ def figure(found: Probability) -> Figure:
             middle = len(x) // 2
             where = (float(x[middle]), float(y[middle]))
             axes.annotate(
-                f"level {k}", where, (8, -8), textcoords="offset points", fontsize=8, color=shade, va="top"
+                f"level {k}", where, (8, -8), textcoords="offset points", fontsize=9, color=shade, va="top"
             )
     axes.set_yscale("log")
     value, low, high = found.interval
@@ -248,16 +249,16 @@ def figure(found: Probability) -> Figure:
         there = asked.bound_m + found.screened.offset
         if found.screened.offset:
             _mark(axes, there, f"bound on {words(asked.screen or '')}", MU)
-        curve = f"{asked.screen}, by {found.screened.cheap_runs} runs"
+        curve = f"{found.screened.cheap_runs} runs on {asked.screen}"
     else:
-        curve = f"{plant}, by {found.runs} runs"
+        curve = f"{found.runs} runs on {plant}"
     _interval(axes, found)
-    axes.set_xlabel(f"margin, the least of every $d_j$ and clearance (m); {words(curve)}")
+    axes.set_xlabel("margin, the least of every $d_j$ and clearance (m)")
     axes.set_ylabel("probability of at most that")
     axes.grid(alpha=0.25)
     axes.margins(x=0.08, y=0.1)
     axes.set_ylim(top=2.0)
-    sheet.suptitle(words(f"{found.ground.scenario.name} on {plant}"))
+    head(sheet, *ran(found.ground.scenario, plant), f"margins by {curve}")
     return sheet
 
 
@@ -272,7 +273,7 @@ def _mark(axes: Axes, value: float, text: str, shade: str) -> None:
         rotation=90,
         ha="right",
         va="top",
-        fontsize=8,
+        fontsize=9,
         color=shade,
     )
 

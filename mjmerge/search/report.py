@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, save, save_rows, words
+from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, head, save, save_rows
 from mjmerge.outputs import put
 from mjmerge.search.breaking import Break, Range, Tried, Until, margin
+from mjmerge.sweep.rows import BELOW, ENDED, MARGIN, OFF, TOUCHES, broke
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from rich.table import Table
 
@@ -27,7 +29,7 @@ def write(
     seeds: int = 1,
 ) -> None:
     """Plot, every point that was run, and text."""
-    figure = _frontier(found, title, across) if across is not None else _lines(found, title, until)
+    figure = _frontier(found, title, across, until) if across is not None else _lines(found, title, until)
     save(figure, folder / "breaking.png")
     head = ("min_distance_m", "min_clearance_m", "verdict", "first_broken", "broken_at_s")
     rows = [
@@ -112,33 +114,21 @@ def _beyond(one: Break) -> str:
     )
 
 
-PASSED, TOUCHES, MARGIN, OFF, ENDED, FLOOR = (
-    "safe", "bodies touch", "d_j falls to 0", "runs off the road", "ends early", "below the floor",
-)  # fmt: skip
-_OUTCOMES = {
-    PASSED: ("o", COLOURS["ego"]),
+SAFE = "safe"
+_MARKS = {
+    SAFE: ("o", COLOURS["ego"]),
     TOUCHES: ("X", LINE),
     MARGIN: ("v", COLOURS["vehicle_2"]),
     OFF: ("s", OPINION),
     ENDED: ("D", "black"),
-    FLOOR: ("v", MU),
+    BELOW: ("v", MU),
 }
 """What can come of a point, and how it is drawn."""
 
 
-def broke(tried: Tried) -> str:
-    """What broke at a point, of its worst seed: bodies, margin, or what else; ``PASSED`` if nothing."""
-    row = tried.row
-    if not tried.failed:
-        return PASSED
-    if row["first_contact_s"] is not None:
-        return TOUCHES
-    least_m, edge_m = row["min_distance_m"], row.get("min_edge_distance_m")
-    if edge_m is not None and edge_m <= 0:
-        return OFF
-    if least_m is not None and least_m <= 0:
-        return MARGIN
-    return FLOOR if row["stopped"] is None else ENDED
+def came(tried: Tried) -> str:
+    """What came of a point, of its worst seed."""
+    return broke(tried.row) if tried.failed else SAFE
 
 
 def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
@@ -146,62 +136,63 @@ def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 0.6 + 2.5 * len(found)), layout="constrained")
+    figure = Figure(figsize=(8, 1.1 + 2.5 * len(found)), layout="constrained")
     FigureCanvasAgg(figure)
     for axes, one in zip(figure.subplots(len(found), 1, squeeze=False)[:, 0], found, strict=True):
         known = [t for t in one.tried if t.row["min_distance_m"] is not None]
-        axes.plot(
-            [t.value for t in known],
-            [margin(t.row) for t in known],
-            color=COLOURS["vehicle_1"],
-            linewidth=0.8,
-        )
-        for what, (marker, colour) in _OUTCOMES.items():
-            part = [t for t in known if broke(t) == what]
-            label = "above the floor" if until == "floor" and what == PASSED else what
-            axes.scatter(
-                [t.value for t in part],
-                [margin(t.row) for t in part],
-                marker=marker,
-                s=22,
-                color=colour,
-                zorder=3,
-                label=label if part else None,
-            )
+        at = [(t.value, margin(t.row)) for t in known]
+        axes.plot(*zip(*at, strict=True), color=MU, linewidth=0.8)
+        _scatter(axes, known, at, 26)
         axes.axhline(0, color=LINE, linewidth=1)
         if one.fails and one.passes:
             axes.axvline(one.fails.value, color=LINE, linestyle="--", linewidth=0.8)
         axes.set_xlabel(one.range.key)
         axes.set_ylabel("least $d_j$ (m)")
-        axes.set_title(f"breaks {one.text}", fontsize=9)
+        breaks = f"breaks {one.text}" if one.fails else f"does not break{one.text.removeprefix('never')}"
+        axes.set_title(breaks, fontsize=9, loc="left")
         axes.grid(alpha=0.25)
-        axes.legend(frameon=False, fontsize=8)
-    figure.suptitle(words(title))
+    _legend(figure, until)
+    head(figure, title)
     return figure
 
 
-def _frontier(found: Sequence[Break], title: str, across: Range) -> Figure:
+def _frontier(found: Sequence[Break], title: str, across: Range, until: Until) -> Figure:
     """Where one axis breaks, over the value of the other; every point that was run behind it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 5), layout="constrained")
+    figure = Figure(figsize=(8, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axis = found[0].range
-    for failed, colour, marker, label in (
-        (False, COLOURS["ego"], "o", "passed"),
-        (True, LINE, "X", "failed"),
-    ):
-        at = [(line.fixed or 0.0, t.value) for line in found for t in line.tried if t.failed == failed]
-        x, y = [v for v, _ in at], [v for _, v in at]
-        axes.scatter(x, y, s=12, alpha=0.5, linewidth=0, color=colour, marker=marker, label=label)
+    for line in found:
+        _scatter(axes, line.tried, [(line.fixed or 0.0, t.value) for t in line.tried], 16)
     edge = [axis.end if line.fails is None else line.fails.value for line in found]
     beside = [line.fixed or 0.0 for line in found]
-    axes.plot(beside, edge, color="black", linewidth=1.2, label="first break (or end of the search)")
+    axes.plot(beside, edge, color="black", linewidth=1.2, label="first break, or end of the search")
     axes.set_xlabel(across.key)
     axes.set_ylabel(axis.key)
     axes.grid(alpha=0.25)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    figure.suptitle(words(title))
+    _legend(figure, until)
+    head(figure, title)
     return figure
+
+
+def _scatter(axes: Axes, tried: Sequence[Tried], at: Sequence[tuple[float, float]], size: float) -> None:
+    """A mark for every point: what came of it."""
+    for what, (marker, colour) in _MARKS.items():
+        part = [where for t, where in zip(tried, at, strict=True) if came(t) == what]
+        if part:
+            x, y = zip(*part, strict=True)
+            axes.scatter(
+                x, y, s=size, marker=marker, color=colour, zorder=3, label=what.replace("d_j", "$d_j$")
+            )
+
+
+def _legend(figure: Figure, until: Until) -> None:
+    """What the marks of all panels are, below them."""
+    handles = {}
+    for axes in figure.axes:
+        for handle, what in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles["above the floor" if until == "floor" and what == SAFE else what] = handle
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, frameon=False)

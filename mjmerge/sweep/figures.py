@@ -6,11 +6,23 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
-from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, sheet, words
+from mjmerge.figures.style import COLOURS, LINE, MU, OPINION, head, sheet
 from mjmerge.roster import paint
 from mjmerge.sweep.campaign import GRID, RANDOM
 from mjmerge.sweep.plan import Plan
-from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, Rows, groups
+from mjmerge.sweep.rows import (
+    BELOW,
+    EMPTY,
+    ENDED,
+    FAILED,
+    MARGIN,
+    OFF,
+    PASSED,
+    TOUCHES,
+    Rows,
+    broke,
+    groups,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,23 +32,40 @@ _MOST_PANELS = 24
 _MORE = ("vehicle_4", "vehicle_5", "vehicle_6", "vehicle_8")
 """Cars whose colours further laws have."""
 _VARIANTS = (COLOURS["ego"], COLOURS["vehicle_1"], COLOURS["vehicle_2"], OPINION, MU, *map(paint, _MORE))
-_MARKS = "os^vDP*"
+_MARKS = "os^vDPp*h"
 """Of laws."""
-_OUTCOMES = {PASSED: COLOURS["ego"], EMPTY: MU, FAILED: LINE}
+_CAME = {
+    PASSED: COLOURS["ego"],
+    EMPTY: MU,
+    TOUCHES: LINE,
+    MARGIN: COLOURS["vehicle_2"],
+    OFF: OPINION,
+    ENDED: "black",
+    BELOW: COLOURS["vehicle_1"],
+}
+"""What can come of a run, and its colour; marks of those that failed are open."""
 
 
 def figures(plan: Plan, rows: Rows) -> Iterator[tuple[str, Figure]]:
     """Every figure and its file."""
     names = _file_names([row["scenario"] for row in rows])
     for (scenario, plant), group in groups(rows, ("scenario", "plant")).items():
+        title = f"{scenario} on {plant}{_set(plan, scenario, plant)}"
         named = [row for row in group if row["mismatch"] not in (GRID, RANDOM)]
         if len({row["mismatch"] for row in named}) > 1:
-            yield f"margins_{names[scenario]}_{plant}.png", _margins(f"{scenario} on {plant}", named)
+            yield f"margins_{names[scenario]}_{plant}.png", _margins(title, named)
         rest = [row for row in group if row["mismatch"] in (GRID, RANDOM)]
         axes = [axis for axis in plan.axes if _spread(axis, rest)]
         if axes:
-            figure = _clouds(f"{scenario} on {plant}", rest, axes[:_MOST_PANELS])
+            figure = _clouds(title, rest, axes[:_MOST_PANELS])
             yield f"axes_{names[scenario]}_{plant}.png", figure
+
+
+def _set(plan: Plan, scenario: str, plant: str) -> str:
+    """What all runs of a scenario on a plant are given beside its file, for a title."""
+    of = [c for c in plan.cases if (plan.labels[c.batch.source], c.batch.plant) == (scenario, plant)]
+    given = [text for text in of[0].overrides if all(text in case.overrides for case in of)]
+    return f"; set: {', '.join(given)}" if given else ""
 
 
 def _file_names(scenarios: Sequence[str]) -> dict[str, str]:
@@ -56,32 +85,33 @@ def _spread(axis: str, rows: Rows) -> bool:
 
 
 def _margins(title: str, rows: Rows) -> Figure:
-    """Least d_j of every named mismatch, a dot per law variant; crosses are failures."""
+    """Least d_j of every named mismatch, a mark per law variant; those of failures are open."""
     names = list(dict.fromkeys(row["mismatch"] for row in rows))
-    figure, (axes,) = sheet((1,), 1.4 + 0.17 * len(names))
+    figure, (axes,) = sheet((1,), 1.5 + 0.22 * len(names))
     laws = len(groups(rows, ("variant",)))
     beside = [0.6 * ((shown + 0.5) / laws - 0.5) for shown in range(laws)]
     for shown, ((variant,), of) in enumerate(groups(rows, ("variant",)).items()):
-        colour = _VARIANTS[shown % len(_VARIANTS)]
-        axes.scatter([], [], s=22, color=colour, label=variant)
-        for failed, marker in ((False, "o"), (True, "X")):
+        colour, mark = _VARIANTS[shown % len(_VARIANTS)], _MARKS[shown % len(_MARKS)]
+        axes.scatter([], [], s=26, color=colour, marker=mark, label=variant)
+        for failed, face in ((False, colour), (True, "white")):
             part = [r for r in of if (r["outcome"] == FAILED) == failed and r["min_distance_m"] is not None]
             margins = [row["min_distance_m"] for row in part]
             heights = [names.index(row["mismatch"]) + beside[shown] for row in part]
-            axes.scatter(margins, heights, color=colour, marker=marker, s=22, zorder=3)
-    axes.scatter([], [], s=22, color="black", marker="X", label="failed")
+            style = {"facecolor": face, "edgecolor": colour, "marker": mark, "s": 26, "zorder": 3}
+            axes.scatter(margins, heights, **style)
+    axes.scatter([], [], s=26, facecolor="white", edgecolor="black", label="failed")
     _limits(axes, rows, axes.axvline)
-    axes.set_yticks(range(len(names)), names, fontsize=7)
+    axes.set_yticks(range(len(names)), names, fontsize=9)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.margins(x=0.03)
     axes.set_xlabel("least $d_j$ (m)")
-    figure.suptitle(words(title))
+    head(figure, title)
     figure.legend(loc="outside lower center", ncols=6, frameon=False)
     return figure
 
 
 def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
-    """Least d_j over the value of each axis, a mark per run: its law's, in the colour of how it counts."""
+    """Least d_j over the value of each axis, a mark per run: its law's, in the colour of what came of it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -93,32 +123,43 @@ def _clouds(title: str, rows: Rows, axes_: Sequence[str]) -> Figure:
     FigureCanvasAgg(figure)
     panels = figure.subplots(down, across, squeeze=False, sharey=True)
     for panel, axis in zip(panels.flat, axes_, strict=False):
-        for (outcome, variant), part in groups(known, ("outcome", "variant")).items():
-            panel.scatter(
-                [row[axis] for row in part],
-                [row["min_distance_m"] for row in part],
-                s=8 if len(marks) == 1 else 14,
-                alpha=0.6,
-                linewidth=0,
-                color=_OUTCOMES[outcome],
-                marker=marks[variant],
-            )
+        for (outcome, variant), of in groups(known, ("outcome", "variant")).items():
+            for came in _CAME:
+                part = [row for row in of if came == (broke(row) if outcome == FAILED else outcome)]
+                panel.scatter(
+                    [row[axis] for row in part],
+                    [row["min_distance_m"] for row in part],
+                    s=12 if len(marks) == 1 else 18,
+                    marker=marks[variant],
+                    **_style(came),
+                )
         _limits(panel, rows, panel.axhline)
-        panel.set_xlabel(axis, fontsize=8)
-        panel.tick_params(labelsize=8)
+        panel.set_xlabel(axis, fontsize=9)
+        panel.tick_params(labelsize=9)
         panel.locator_params(axis="x", nbins=5)
         panel.grid(alpha=0.25)
     for row in panels:
-        row[0].set_ylabel("least $d_j$ (m)", fontsize=8)
+        row[0].set_ylabel("least $d_j$ (m)", fontsize=9)
     for panel in list(panels.flat)[len(axes_) :]:
         panel.set_visible(False)
-    figure.suptitle(words(title))
-    blank = figure.axes[0]
-    handles = [blank.scatter([], [], s=20, color=own, label=outcome) for outcome, own in _OUTCOMES.items()]
+    head(figure, title)
+    blank, there = figure.axes[0], {broke(row) for row in known if row["outcome"] == FAILED}
+    shown = [came for came in _CAME if came in there | {PASSED, EMPTY}]
+    handles = [
+        blank.scatter([], [], s=24, label=came.replace("d_j", "$d_j$"), **_style(came)) for came in shown
+    ]
     if len(marks) > 1:
-        handles += [blank.scatter([], [], s=20, color=MU, marker=m, label=law) for law, m in marks.items()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+        handles += [
+            blank.scatter([], [], s=24, marker=m, label=law, **_style("")) for law, m in marks.items()
+        ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2 * across, frameon=False)
     return figure
+
+
+def _style(came: str) -> dict[str, Any]:
+    """How a mark is drawn: open where the run failed; black and open where it stands for a law."""
+    own = _CAME.get(came, "black")
+    return {"facecolor": own if came in (PASSED, EMPTY) else "none", "edgecolor": own, "linewidth": 0.8}
 
 
 def _limits(axes: Axes, rows: Rows, line: Callable[..., Any]) -> None:

@@ -27,6 +27,11 @@ PASSED, EMPTY, FAILED = "passed", "vacuous", "failed"
 """How a run counts: one without data, that ended early, or whose own metrics are out of their bounds, has
 failed; nothing tested a vacuous one."""
 
+TOUCHES, MARGIN, OFF, ENDED, BELOW = (
+    "bodies touch", "d_j falls to 0", "runs off the road", "ends early", "below a floor",
+)  # fmt: skip
+"""What broke in a run that failed, in figures."""
+
 NUMBERS = (
     "min_distance_m",
     "min_d_1_m",
@@ -70,6 +75,18 @@ FLAGS = ("floor_held", "needed", "underflow")
 def min_d_m(j: int) -> str:
     """Column of the smallest d_j of a neighbour, the first is 1; the first two are in ``NUMBERS``."""
     return f"min_d_{j}_m"
+
+
+def broke(row: Mapping[str, Any]) -> str:
+    """What broke in a run that failed: bodies, margin, or what else."""
+    if row["first_contact_s"] is not None:
+        return TOUCHES
+    least_m, edge_m = row["min_distance_m"], row.get("min_edge_distance_m")
+    if edge_m is not None and edge_m <= 0:
+        return OFF
+    if least_m is not None and least_m <= 0:
+        return MARGIN
+    return BELOW if row["stopped"] is None else ENDED
 
 
 METRIC = "metric."

@@ -68,7 +68,7 @@ def test_every_curve_has_its_name_at_its_end_in_its_colour(unsafe):
     figure = overview(trace, 1)
     assert [axes.get_legend() for axes in figure.axes] == [None] * 3, "a legend would hide something"
     lateral = {text.get_text(): text.get_color() for text in figure.axes[1].texts}
-    assert lateral == {car.replace("_", " "): colour(car) for car in trace.roster.cars}
+    assert lateral == {"ego": colour("ego"), "vehicles 1, 2": colour("vehicle_1")}
     least = {text.get_text(): to_hex(text.get_color()) for text in figure.axes[2].texts}
     for j, car in enumerate(trace.roster.neighbours):
         d = f"{np.nanmin(trace.distance_m[1, :, j]):.3f} m".replace("-", "\N{MINUS SIGN}")

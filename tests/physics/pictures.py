@@ -1,11 +1,13 @@
-"""Remakes what docs/cars.md shows: ``MUJOCO_GL=egl python -m tests.physics.pictures`` (or osmesa).
+"""Makes what docs/cars.md shows, and the page with its tables, in a folder, for docs/pictures.py.
 
-Cars rendered off-screen, plots and tables of their identification, traces beside the published model's.
+``MUJOCO_GL=egl python -m tests.physics.pictures FOLDER`` (or osmesa): cars rendered off-screen, plots and
+tables of their identification, traces beside the published model's.
 """
 
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import mujoco
@@ -13,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from mjmerge.config import shipped
-from mjmerge.figures.style import save, sheet
+from mjmerge.figures.style import head, save, sheet
 from mjmerge.proving.identify import identify
 from mjmerge.proving.report import cornering, handling, longitudinal, markdown, steering
 from mjmerge.roster import roster
@@ -48,9 +50,9 @@ def render(model: str, role: str, view: str) -> Image.Image:
     return picture.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
 
 
-def traces(compared: dict[str, Comparison]):
+def traces(model: str, compared: dict[str, Comparison]):
     """Yaw rate and lateral acceleration of a car and of the published model, manoeuvre by manoeuvre."""
-    figure, _ = sheet((1,), 5.0)
+    figure, _ = sheet((1,), 5.5)
     figure.clear()
     panels = figure.subplots(2, len(MANOEUVRES) - 1, sharex="col", sharey="row")
     for column, name in zip(panels.T, MANOEUVRES[:-1], strict=True):
@@ -73,18 +75,20 @@ def traces(compared: dict[str, Comparison]):
                 panel.plot(
                     loaded.time_s, scale * pair[1], ":", color="#d97321", label="published, load transfer"
                 )
-        column[0].set_title(name, fontsize="small")
+        column[0].set_title(name, fontsize=9)
         column[1].set_xlabel("time (s)")
     panels[0, 0].set_ylabel("yaw rate (deg/s)")
-    panels[1, 0].set_ylabel("lateral acceleration (m/s$^2$)")
-    panels[0, 2].legend(loc="best", frameon=False, fontsize="x-small")
+    panels[1, 0].set_ylabel("lateral acceleration (m/s²)")
+    handles, names = panels[0, 2].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False)
+    head(figure, f"{model} beside the published single-track model")
     return figure
 
 
-def main() -> None:
-    """Writes everything and puts the tables into the page."""
-    folder = DOCS / "cars"
-    folder.mkdir(exist_ok=True)
+def main(docs: Path) -> None:
+    """Writes everything into a folder as it is in docs/, the page with its tables, too."""
+    folder = docs / "cars"
+    folder.mkdir(parents=True, exist_ok=True)
     page = (DOCS / "cars.md").read_text(encoding="utf-8")
     differences = []
     for model, role in zip(shipped.models(), CARS, strict=True):
@@ -94,7 +98,7 @@ def main() -> None:
         for draw in (cornering, handling, longitudinal, steering):
             save(draw(found), folder / f"{model}_{draw.__name__}.png")
         compared = compare(model)
-        save(traces(compared), folder / f"{model}_crossmodel.png")
+        save(traces(model, compared), folder / f"{model}_crossmodel.png")
         for name in MANOEUVRES:
             c = compared[name]
             parts = [p for pair in (c.yaw_rate_radps, c.lateral_mps2) for p in c.off(pair)]
@@ -104,7 +108,7 @@ def main() -> None:
     page = _put(
         page, "crossmodel", head + "| --- | --- | ---: | ---: | ---: | ---: |\n" + "".join(differences)
     )
-    (DOCS / "cars.md").write_text(page, encoding="utf-8")
+    (docs / "cars.md").write_text(page, encoding="utf-8")
 
 
 def _put(page: str, name: str, text: str) -> str:
@@ -115,4 +119,4 @@ def _put(page: str, name: str, text: str) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]))

@@ -153,7 +153,7 @@ def test_what_is_no_axis_is_refused_with_advice(text, says):
 @pytest.mark.parametrize(
     ("found", "what"),
     [
-        ({"min_distance_m": 0.1}, "below the floor"),
+        ({"min_distance_m": 0.1}, "below a floor"),
         ({"min_distance_m": -0.1}, "d_j falls to 0"),
         ({"min_distance_m": 0.0}, "d_j falls to 0"),
         ({"min_distance_m": 0.1, "first_contact_s": 3.0}, "bodies touch"),
@@ -166,5 +166,5 @@ def test_what_is_no_axis_is_refused_with_advice(text, says):
 )
 def test_a_plot_tells_bodies_from_margins(found, what):
     row = {"first_contact_s": None, "stopped": None} | found
-    assert breaking_report.broke(Tried(1.0, failed=True, runs=1, row=row, case=None)) == what
-    assert breaking_report.broke(Tried(1.0, failed=False, runs=1, row=row, case=None)) == "safe"
+    assert breaking_report.came(Tried(1.0, failed=True, runs=1, row=row, case=None)) == what
+    assert breaking_report.came(Tried(1.0, failed=False, runs=1, row=row, case=None)) == "safe"
