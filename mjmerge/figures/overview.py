@@ -10,9 +10,8 @@ import numpy as np
 
 from mjmerge.config.bounds import whole
 from mjmerge.figures.style import LINE, MU, OPINION, End, Panels, ends, sheet, words
-from mjmerge.law import is_paper
 from mjmerge.roster import colour
-from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.ran import ran as what_ran
 from mjmerge.simulation.trace import Trace
 from mjmerge.verdict.judge import Verdict
 from mjmerge.verdict.metrics import chosen_anew, merged_at_s
@@ -76,22 +75,9 @@ def overview(trace: Trace, run: int = 0, axes: Panels = None, *, verdict: Verdic
 
 def ran(trace: Trace, run: int = 0) -> list[str]:
     """Lines of a title: what ran, every mismatch, and whatever else was given beside the file."""
-    scenario = trace.scenario
-    law = "" if is_paper(scenario.law) else f", {scenario.law.label}"
-    how = ", continuous time" if trace.continuous else ""
-    lines = [f"{scenario.name} on {trace.plant}{how}, seed {trace.seeds[run]}{law}"]
-    known = Mismatch()
-    off = [f"{k} {_short(v)}" for k, v in trace.mismatch[run] if v != getattr(known, k)]
-    if off:
-        lines += wrap(f"mismatch: {', '.join(off)}", LETTERS)
-    others = [said for said in scenario.changes if not said.startswith("mismatch.")]
-    if others:
-        lines += wrap(f"set: {', '.join(others)}", LETTERS)
-    return lines
-
-
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    seed, mismatch = int(trace.seeds[run]), trace.mismatch[run]
+    said = what_ran(trace.scenario, trace.plant, seed, continuous=trace.continuous, mismatch=mismatch)
+    return [part for line in said for part in wrap(line, LETTERS)]
 
 
 def _said(trace: Trace, verdict: Verdict) -> str:

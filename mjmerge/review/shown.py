@@ -12,6 +12,7 @@ import numpy as np
 
 from mjmerge.errors import MjmergeError
 from mjmerge.record import schema
+from mjmerge.record.manifest import DRAWING
 from mjmerge.record.mcap.reader import mcap_messages
 from mjmerge.record.read import Recorded
 from mjmerge.record.recording import Header, Outcome
@@ -59,7 +60,8 @@ def shown(found: Recorded, about: Header, scene: Scene) -> Iterator[Check]:
         if not alike(ours[name], theirs[name])
     ]
     made, here = found.manifest["versions"], versions()
-    if wrong and any(made.get(name) != here.get(name) for name in _DRAWS):
+    other = found.manifest.get("drawing") != DRAWING
+    if wrong and (other or any(made.get(name) != here.get(name) for name in _DRAWS)):
         yield Check("drawing", None, f"other versions draw otherwise: {wrong[0]}")
         return
     yield checked("drawing", wrong, f"{len(ours)} parts, as the numbers say")

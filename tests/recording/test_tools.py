@@ -234,10 +234,12 @@ def test_a_video_shows_the_run_in_h264(mjmerge, folders, tmp_path, kind) -> None
         assert stream.codec_context.name == "h264"
         pictures = [f.to_ndarray(format="rgb24") for f in file.decode(video=0)]
     assert len(pictures) == 7  # 1.3 s at 5 a second
-    width = video._PICTURE[0]
-    scene, plots = pictures[0][:, :width].astype(int), pictures[0][:, width:]
+    title, below = pictures[0][:32], pictures[0][32:]
+    assert (title > 240).mean() > 0.7  # letters on white, over all of it
+    assert (title < 60).sum() > 500
+    scene, plots = below[:, :832].astype(int), below[:, 832:]
     red, green, blue = scene[..., 0], scene[..., 1], scene[..., 2]
-    assert ((green > red + 40) & (green > blue + 20)).sum() > 200  # the ego is green
+    assert ((green > red + 70) & (green > blue + 40)).sum() > 200  # the ego is green
     assert ((blue > red + 40) & (blue > green + 20)).sum() > 100  # Vehicle 1 is blue
     assert (plots > 240).mean() > 0.7  # lines on white
     assert np.abs(pictures[-1].astype(int) - pictures[0]).max() > 100

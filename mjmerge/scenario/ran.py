@@ -1,0 +1,42 @@
+"""What ran, in words: in the title of every figure, report, recording and video."""
+
+from __future__ import annotations
+
+from mjmerge.law import is_paper
+from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.schema import Scenario
+
+
+def ran(
+    scenario: Scenario,
+    plant: str,
+    seed: int | None = None,
+    *,
+    continuous: bool = False,
+    mismatch: Mismatch | None = None,
+) -> list[str]:
+    """What ran, every mismatch, and whatever else was given beside the file, a line each.
+
+    Args:
+        scenario: the run's.
+        plant: what moved the cars.
+        seed: of the run; ``None`` where there is not one.
+        continuous: whether law and plant were one differential equation.
+        mismatch: of the run; by default the scenario's.
+    """
+    law = "" if is_paper(scenario.law) else f", {scenario.law.label}"
+    how = ", continuous time" if continuous else ""
+    of = "" if seed is None else f", seed {seed}"
+    lines = [f"{scenario.name} on {plant}{how}{of}{law}"]
+    known = Mismatch()
+    off = [f"{k} {_short(v)}" for k, v in mismatch or scenario.mismatch if v != getattr(known, k)]
+    if off:
+        lines.append(f"mismatch: {', '.join(off)}")
+    others = [said for said in scenario.changes if not said.startswith("mismatch.")]
+    if others:
+        lines.append(f"set: {', '.join(others)}")
+    return lines
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
