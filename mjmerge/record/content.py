@@ -24,7 +24,7 @@ from mjmerge.vehicle.datasheet import DataSheet
 
 LARGEST_TEXT_BYTES = 8 * 2**20
 """Of a text in a recording: a scenario has 3 kB, a world 70 kB."""
-_MOST_SET = 1000
+_MOST_SET = 100
 """Of what was given beside a scenario's file."""
 DEEPEST = 20
 """Levels of nesting in JSON; a manifest has five."""

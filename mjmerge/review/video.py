@@ -299,7 +299,7 @@ class Stage:
         for j, shade in enumerate(shades.tolist()):
             at_m = (*self._trace.front_m[0, tick, 1 + j], 0.006 * r_m)
             self._add(flat, (r_m, 0.002 * r_m, 0.0), at_m, DISC_RGBA[shade])
-        red = np.array([*MARK_RGB, 1.0])
+        red = np.array([*MARK_RGB, 0.99])  # what is seen through has no shadow
         for mark in self._marks:
             if mark.collision.time_s <= self._trace.time_s[tick]:
                 foot_m, head_m = mark.pin_m(r_m, self._label_m)

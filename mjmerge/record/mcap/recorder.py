@@ -15,7 +15,7 @@ from pathlib import Path
 import foxglove
 import numpy as np
 from foxglove import messages as fox
-from foxglove.channels import LogChannel, SceneUpdateChannel
+from foxglove.channels import LogChannel, PointCloudChannel, SceneUpdateChannel
 from foxglove.mcap import MCAPWriteOptions
 from numpy.typing import NDArray
 
@@ -23,6 +23,7 @@ from mjmerge.record import schema
 from mjmerge.record.contacts import CLEAR, DISC_RGBA, HEAD, MARK_RGB, PIN_RADIUS_R, Mark
 from mjmerge.record.manifest import CONVENTIONS, EXPLANATION, SCHEMA_VERSION, manifest
 from mjmerge.record.mcap import foxglove as foxglove_layout
+from mjmerge.record.mcap.clouds import clouds
 from mjmerge.record.mcap.wire import Layout
 from mjmerge.record.posed import PosedBlock
 from mjmerge.record.recording import Header, Outcome
@@ -71,6 +72,8 @@ class McapRecorder:
         self._discs_drawn: dict[tuple[int, int], fox.SceneUpdate] = {}
         self._scene = SceneUpdateChannel("/scene", context=self._context)
         self._scene.log(_scene_update(scene), log_time=0)
+        for topic, cloud in clouds(scene):
+            PointCloudChannel(topic, context=self._context).log(cloud, log_time=0)
 
     def write(self, posed: PosedBlock) -> None:
         """Adds consecutive ticks, and puts them on disk."""
@@ -159,8 +162,9 @@ def _transforms_layout(scene: Scene) -> Layout:
 
 
 def _log_message(time_s: float, level: fox.LogLevel, name: str, message: str) -> fox.Log:
+    """A line; the name is in the text, because Rerun shows nothing else of it."""
     at = _timestamp(int(nanoseconds(time_s)))
-    return fox.Log(timestamp=at, level=level, message=message, name=name)
+    return fox.Log(timestamp=at, level=level, message=f"{name}: {message}" if name else message)
 
 
 def _timestamp(time_ns: int) -> fox.Timestamp:
