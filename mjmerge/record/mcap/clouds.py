@@ -8,7 +8,7 @@ are and how they are turned, no more: their wheels are left out, and their discs
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import product
+from functools import cache
 
 import numpy as np
 from foxglove import messages as fox
@@ -43,8 +43,23 @@ def clouds(scene: Scene) -> Iterator[tuple[str, fox.PointCloud]]:
 
 
 def _size(frame: Frame) -> float:
-    """Of the largest shape of a frame, m^3."""
-    return max(float(np.prod(np.ptp(_points(shape), axis=0) + 1e-6)) for shape in frame.shapes)
+    """Of the largest box of a frame, or whatever else it has, m^3."""
+    return max(float(shape.half_size_m.prod()) * (shape.kind != "mesh") for shape in frame.shapes)
+
+
+@cache
+def _box() -> Array:
+    """Points on the edges of a cube from -1 to 1, (K, 3)."""
+    t, a, b = np.meshgrid(np.linspace(-1, 1, _ALONG), [-1, 1], [-1, 1])
+    along = np.stack([t.ravel(), a.ravel(), b.ravel()], axis=-1)
+    return np.concatenate([np.roll(along, k, axis=-1) for k in range(3)])
+
+
+@cache
+def _ring() -> Array:
+    """Points on a circle of radius 1 around z, (K, 3)."""
+    turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
+    return np.stack([np.cos(turn), np.sin(turn), np.zeros(_AROUND)], axis=-1)
 
 
 def _cloud(frame: Frame) -> fox.PointCloud:
@@ -69,16 +84,13 @@ def _points(shape: Shape) -> Array:
     """Points on the edges of a shape, in the axes of its frame, m, (K, 3)."""
     match shape.kind:
         case "box":
-            ends, between = (-1.0, 1.0), np.linspace(-1, 1, _ALONG)
-            edges = [np.roll([t, a, b], k) for k, a, b, t in product(range(3), ends, ends, between)]
-            own = np.unique(edges, axis=0)
+            own = _box()
         case "mesh":
             own = shape.vertices_m
+        case "ellipsoid":
+            own = _ring()
         case _:
-            turn = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
-            round_ = np.stack([np.cos(turn), np.sin(turn), np.zeros(_AROUND)], axis=-1)
-            heights = (0.0,) if shape.kind == "ellipsoid" else (-1.0, 1.0)
-            own = np.concatenate([round_ + np.array([0.0, 0.0, z]) for z in heights])
+            own = np.concatenate([_ring() + np.array([0.0, 0.0, z]) for z in (-1.0, 1.0)])
     w, x, y, z = shape.quat
     turned = np.array(
         [
