@@ -13,6 +13,7 @@ from mjmerge.figures.style import COLOURS, LINE, length, save, save_rows, sheet,
 from mjmerge.outputs import put
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.ran import beneath
 from mjmerge.scenario.schema import Scenario
 from mjmerge.sweep.plan import MISMATCH, Batches, Case, acts, planned, size_of
 from mjmerge.sweep.rows import METRIC, min_d_m
@@ -216,6 +217,7 @@ def markdown(ladder: Ladder) -> str:
     lines = [
         f"# The ladder of {ladder.scenario.name}",
         "",
+        *beneath(ladder.scenario, ladder.rungs[-1].case.batch.plant),
         delay_line(ladder),
         "",
         f"| rung | adds | {' | '.join(f'min d_{j} (m)' for j, _ in enumerate(each, 1))} | least (m) "
