@@ -19,16 +19,11 @@ def finished(header: Header, outcome: Outcome) -> str:
     """The report of a run: verdict, what decides it, events that matter, everything else, origin."""
     found = outcome.summary
     worst = [f"- {e.time_s:.2f} s, {e.car or 'run'}: {e.text}" for e in outcome.events if e.level != "info"]
-    reasons = [
-        *([found["reason"]] if "reason" in found else []),
-        *found.get("verdict_doubts", ()),
-    ]
-    reason = f": {'; but '.join(reasons)}" if reasons else ""
     return "\n".join(
         [
             _title(header),
             "",
-            f"**Verdict: {outcome.verdict}**{reason}",
+            f"**Verdict: {outcome.verdict}**{_reason(found)}",
             "",
             *_table(_main(found)),
             "",
@@ -47,13 +42,19 @@ def finished(header: Header, outcome: Outcome) -> str:
 
 def of(
     ran: Sequence[str],
+    description: str,
     found: Mapping[str, Any] | None,
     verdict: str | None,
     explanation: Mapping[str, Any] | None = None,
 ) -> str:
     """The report of a run that was read from a file; ``ran`` says what ran, a line each."""
     found = found or {}
-    head = [title(ran), "", f"**Verdict: {verdict or 'none, the run has not finished'}**", ""]
+    said = (
+        f"**Verdict: {verdict}**{_reason(found)}"
+        if verdict
+        else "**Verdict: none, the run has not finished**"
+    )
+    head = [title(ran), "", description, "", said, ""]
     main = [*_table(_main(found)), "", *why(explanation)]
     return "\n".join([*head, *main, LEGEND, "", *_table(_flat(found))])
 
@@ -101,6 +102,12 @@ def _main(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     ):
         if key in found:
             yield name, _number(found[key], unit)
+
+
+def _reason(found: Mapping[str, Any]) -> str:
+    """Grounds of a verdict, and what speaks against it."""
+    reasons = [*([found["reason"]] if "reason" in found else []), *found.get("verdict_doubts", ())]
+    return f": {'; but '.join(reasons)}" if reasons else ""
 
 
 def _number(value: float | None, unit: str) -> str:

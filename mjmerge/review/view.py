@@ -92,13 +92,16 @@ def write_view(mcap: Path, rrd: Path) -> None:
     if plant in BODIES:
         send_no_contact(stream, int(found.time_ns[0]), time)
     send_marks(stream, scene, marks, time)
+    for number in {mark.number for mark in marks}:
+        for entity in (pin := layout.mark_entity(number), f"{pin}/label"):
+            stream.log(entity, rr.CoordinateFrame(WORLD), static=True)
     part = slice(None, None, max(1, round(DRAWN_EVERY_S / found.step_s)))
     columns = {name: values[part] for name, values in found.columns.items()}
     send_arrows(stream, scene, times_of(found.time_ns[part], time), columns)
     for name, text, kind in (
         (
             "report",
-            report.of(said, found.summary, found.verdict, found.explanation),
+            report.of(said, scenario.description, found.summary, found.verdict, found.explanation),
             rr.MediaType.MARKDOWN,
         ),
         ("scenario", found.scenario_yaml, rr.MediaType.TEXT),

@@ -142,7 +142,7 @@ def test_mcap_holds_where_it_comes_from_and_how_it_ended(run: Path, header: Head
     assert json.loads(attached["summary.json"]) == OUTCOME.summary
     assert metadata["outcome"] == {"verdict": "held"}
     assert metadata["versions"] == dict(header.versions)
-    assert [(m.message, m.name) for m in log] == [(e.text, e.car) for e in OUTCOME.events]
+    assert [m.message for m in log] == [f"{e.car}: {e.text}" if e.car else e.text for e in OUTCOME.events]
     assert all(m.log_time == m.publish_time for _, _, m in messages)
     law_ns = [m.log_time for _, channel, m in messages if channel.topic == "/law"]
     assert law_ns == [10_000_000 * k for k in range(8)]

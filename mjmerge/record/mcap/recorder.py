@@ -1,9 +1,9 @@
 """``run.mcap``: the archive. Foxglove's messages for what it can draw, ours for what we measured.
 
 Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/told`` (ToldState, where the ego was not told the
-truth), ``/tf``, ``/scene`` (at t = 0, and where a disc changes its colour), ``/log``, and ``/phases`` (Log:
-``name`` is in the state ``message`` from here on). All times are simulated, so that equal runs give equal
-bytes. A block is one chunk and is on disk once written.
+truth), ``/tf``, ``/scene`` (at t = 0, where a disc changes its colour, and where bodies touch), ``/look/...``
+(points, see ``clouds.py``), ``/log``, and ``/phases`` (Log: "subject: state", from here on). All times are
+simulated, so that equal runs give equal bytes. A block is one chunk and is on disk once written.
 """
 
 from __future__ import annotations

@@ -100,6 +100,7 @@ def blueprint(
         timeline: ``SIM_TIME``, or ``MCAP_TIME`` for what Rerun has read itself.
         live: whether the time is that of the newest data.
     """
+    over_s = None if live else scenario.duration_s
     return columns(
         rrb.Vertical(
             rrb.Tabs(*(world_view(n, scenario) for n in ("Chase", "3D")), active_tab=0),
@@ -107,8 +108,8 @@ def blueprint(
             row_shares=[3, 2],
         ),
         rrb.Vertical(
-            *(plot_view(p) for p in plots.main(scenario, paint, plant)),
-            rrb.Tabs(*(plot_view(p) for p in plots.actuation(scenario, paint, plant)), active_tab=0),
+            *(plot_view(p, over_s) for p in plots.main(scenario, paint, plant)),
+            rrb.Tabs(*(plot_view(p, over_s) for p in plots.actuation(scenario, paint, plant)), active_tab=0),
         ),
         rrb.Vertical(
             rrb.Tabs(
@@ -116,7 +117,7 @@ def blueprint(
                 rrb.TextLogView(name="Events", origin="/events" if timeline == SIM_TIME else "/log"),
                 rrb.TextDocumentView(name="Scenario", origin="/run/scenario"),
             ),
-            *state_views(),
+            *state_views(over_s),
             row_shares=[11, 6, 9],
         ),
         timeline=timeline,
@@ -124,12 +125,23 @@ def blueprint(
     )
 
 
-def state_views() -> tuple[rrb.View, rrb.View]:
-    """Phases, with who has touched whom; and hypotheses."""
+def state_views(duration_s: float | None = None) -> tuple[rrb.View, rrb.View]:
+    """Phases, with who has touched whom; and hypotheses; over all of a run of known length."""
+    phases, over = ["/contact/**", "/phases/**"], _whole(duration_s)
     return (
-        rrb.StateTimelineView(name="Phases", origin="/", contents=["/contact/**", "/phases/**"]),
-        rrb.StateTimelineView(name="Contract: the theorem's hypotheses", origin="/hypotheses"),
+        rrb.StateTimelineView(name="Phases", origin="/", contents=phases, time_view=over),
+        rrb.StateTimelineView(
+            name="Contract: the theorem's hypotheses", origin="/hypotheses", time_view=over
+        ),
     )
+
+
+def _whole(duration_s: float | None) -> rrb.TimeAxis | None:
+    """A time axis from the start to the end of a run; ``None`` for one that goes along with the time."""
+    if duration_s is None:
+        return None
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=at) for at in (0.0, duration_s))
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start, end))
 
 
 def columns(*parts: rrb.Container, timeline: str = SIM_TIME, live: bool = False) -> rrb.Blueprint:
@@ -173,8 +185,8 @@ def world_view(name: str, scenario: Scenario, camera: str = "camera/ego") -> rrb
     )
 
 
-def plot_view(plot: Plot) -> rrb.TimeSeriesView:
-    """A plot of fields of our messages."""
+def plot_view(plot: Plot, duration_s: float | None = None) -> rrb.TimeSeriesView:
+    """A plot of fields of our messages, over all of a run where it is known how long it is."""
     overrides: dict[Any, Any] = {}
     for line in plot.lines:
         overrides.setdefault(line.topic, []).append(_visualizer(line))
@@ -183,6 +195,7 @@ def plot_view(plot: Plot) -> rrb.TimeSeriesView:
         origin="/",
         contents=[*overrides, *plots.levels([plot])],
         overrides=overrides,
+        axis_x=_whole(duration_s),
         plot_legend=rrb.Corner2D.RightTop,
     )
 

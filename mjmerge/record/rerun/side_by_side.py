@@ -198,7 +198,8 @@ def _line(told: _Told, line: Line) -> Line:
 def _blueprint(told: Sequence[_Told]) -> rrb.Blueprint:
     solid = told[-1]
     scenario, camera = solid.side.header.scenario, f"{solid.name}/camera/ego"
-    distance, clearance, opinion, *busy = (layout.plot_view(p) for p in _plots(told))
+    over_s = max(one.side.header.scenario.duration_s for one in told)
+    distance, clearance, opinion, *busy = (layout.plot_view(p, over_s) for p in _plots(told))
     finished = any(one.side.outcome is not None for one in told)
     return layout.columns(
         rrb.Vertical(
@@ -212,7 +213,7 @@ def _blueprint(told: Sequence[_Told]) -> rrb.Blueprint:
                 rrb.TextDocumentView(name="Report", origin="/run/report"),
                 *([rrb.TextLogView(name="Events", origin="/events")] if finished else []),
             ),
-            *layout.state_views(),
+            *layout.state_views(over_s),
             row_shares=[11, 8, 7],
         ),
     )
