@@ -31,7 +31,7 @@ DISC_RGBA = np.concatenate([np.stack(_BETWEEN, axis=-1), _RED])
 CLEAR, TOUCHED = STEPS, STEPS + 1
 PIN_RADIUS_R, HEAD, MARK_RGB = 0.02, 2.5, (1.0, 0.235, 0.235)
 """Of the pin where bodies touched: its radius over r, the radius of its head over that, its colour."""
-_PIN, _LEANS_R = 1.6, 1.6
+_PIN, _LEANS_R = 1.6, 2.4
 """How high it is over the cars' labels, and how far it leans to the left, over r: it hides none of them."""
 _NEVER = -(2**40)
 """A tick long before the first."""
