@@ -31,6 +31,7 @@ from mjmerge.scenario.load import load
 from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.loop import simulate
 from mjmerge.verdict.metrics import JOIN_S, collisions, events
+from mjmerge.verdict.phases import phases
 from tests.recording import rewrite
 from tests.recording.test_forgery import STANDS
 
@@ -102,9 +103,30 @@ def test_every_contact_has_a_mark_at_its_first_tick_however_blocks_are_cut(data:
             assert ago_s[k, j] == (pytest.approx((k - before[-1]) * STEP_S) if before.size else np.inf)
 
 
+@pytest.mark.parametrize(("pause", "marks"), [(29, 1), (30, 2)])
+def test_a_break_of_less_than_a_moment_is_the_same_contact(pause: int, marks: int) -> None:
+    assert round(JOIN_S / STEP_S) == 30
+    touches = np.zeros((80, 3), bool)
+    touches[[10, 11 + pause], 0] = True
+    found, _ = Contacts(THREE, SHEETS, STEP_S).add(block(touches, touches))
+    assert [mark.number for mark in found] == [*range(1, marks + 1)]
+
+
+def test_a_speed_that_is_known_a_tick_later_is_added_to_the_mark() -> None:
+    touches, fast = np.zeros((20, 3), bool), np.zeros((20, 3), bool)
+    touches[5:9, 0], fast[7:9, 0] = True, True
+    found, _ = Contacts(THREE, SHEETS, STEP_S).add(block(touches, fast))
+    assert [mark.collision.sentence for mark in found] == [
+        "the ego hits vehicle_1 at 0.05 s",
+        "the ego hits vehicle_1 at 0.05 s at 2.00 m/s",
+    ]
+    assert [mark.time_ns for mark in found] == [50_000_000, 70_000_000]
+
+
 @pytest.mark.parametrize(
     ("front_m", "heading_rad", "there_m"),
     [
+        ([[0.0, 0.0], [0.28, 0.265]], [0.0, np.pi / 2], [0.125, 0.0]),  # nose into a side
         ([[0.0, 0.0], [0.58, 0.0]], [0.0, 0.0], [0.125, 0.0]),  # bumper to bumper
         ([[0.0, 0.0], [0.0, 0.31]], [0.0, 0.0], [-0.165, 0.155]),  # side by side
         ([[0.0, 0.0], [0.57, 0.30]], [0.0, 0.0], [0.12, 0.15]),  # corner in corner
@@ -172,6 +194,7 @@ def test_a_recording_shows_who_was_hit_when_where_and_how_fast(crash: Path) -> N
 
 
 def test_discs_are_red_from_the_contact_on_for_as_long_as_one_notices(crash: Path) -> None:
+    assert SEEN_S >= 1
     found = read(crash / "run.mcap")
     _, shades = touched(found, 0.6)
     first = int(np.flatnonzero(found.run().touching_ego[0, :, 1])[0])
@@ -227,6 +250,7 @@ def _pale(entity: str, batch: pa.RecordBatch) -> pa.RecordBatch:
     return batch.set_column(at, batch.schema.field(at), first)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("edit", [_away, _slower, _nobody, _pale])
 def test_a_forged_mark_in_an_rrd_is_found(crash: Path, tmp_path: Path, edit: Callable) -> None:
     same = verify(rewrite.rrd(crash / "run.rrd", tmp_path / "same.rrd", edit=lambda _, batch: batch))
@@ -235,12 +259,14 @@ def test_a_forged_mark_in_an_rrd_is_found(crash: Path, tmp_path: Path, edit: Cal
     assert wrong - {check.name for check in same.checks if check.right is False} == {"drawing"}
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("gone", ["/world/contact_1", "/world/contact_1/label", "/contact"])
 def test_a_mark_that_is_gone_from_an_rrd_is_missed(crash: Path, tmp_path: Path, gone: str) -> None:
     path = rewrite.rrd(crash / "run.rrd", tmp_path / "gone.rrd", keep=lambda entity: entity != gone)
     assert any("is not drawn" in check.says and gone in check.says for check in verify(path).checks)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("change", ["moved", "relabelled", "gone", "points"])
 def test_a_forged_mark_in_an_mcap_is_found(crash: Path, tmp_path: Path, change: str) -> None:
     (mark, *_), _ = touched(read(crash / "run.mcap"), 0.6)
@@ -302,6 +328,9 @@ def test_a_comparison_has_discs_phases_hypotheses_events_and_contacts_of_both(
     (hit,) = collisions(sides[1].trace)
     assert label == f"paper on mujoco, seed 0: {hit.sentence}"
     for side, label in zip(sides, labels, strict=True):
+        for subject in ("decision", "safety"):
+            changes = [phase.state for phase in phases(side.trace) if phase.subject == subject]
+            assert texts(shown[f"/phases/{subject}/{label}"], "StateChange:state") == changes
         said = texts(shown[f"/events/{label}"], "TextLog:text")
         assert len(said) >= len(events(side.trace))
 
@@ -321,3 +350,27 @@ def test_the_ground_is_under_the_ego_however_far_it_drives(crash: Path) -> None:
     posed = Posing(about, scene).block(far)
     assert posed.pos_m[0, scene.frames.index(ground), 0] == 1e5
     assert not [s for s in scene.fixed if s.half_size_m.min() > 100]
+
+
+def test_cars_and_discs_are_points_that_move_with_them(crash: Path) -> None:
+    found = read(crash / "run.mcap")
+    sheets, shown = dict(zip(found.roster.cars, found.sheets(), strict=True)), {}
+    for topic, time_ns, message in mcap_drawn(crash / "run.mcap"):
+        if topic.startswith("/look/"):
+            assert time_ns == 0
+            shown[topic.removeprefix("/look/")] = message
+    discs = {f"disc_of_{car}": f"axles/{car}" for car in found.roster.neighbours}
+    assert {name: cloud.frame_id for name, cloud in shown.items()} == {
+        **{car: f"{car}/chassis" for car in found.roster.cars},
+        **discs,
+    }
+    for name, cloud in shown.items():
+        bytes_ = np.frombuffer(cloud.data, np.uint8).reshape(-1, cloud.point_stride)
+        points_m = np.ascontiguousarray(bytes_[:, :12]).view("<f4")
+        if name in discs:
+            assert np.hypot(*points_m[:, :2].T) == pytest.approx(0.6, abs=1e-6)
+        else:
+            size_m = np.ptp(points_m, axis=0)
+            assert size_m[:2] == pytest.approx([sheets[name].length_m, sheets[name].width_m], rel=0.15)
+            paint = bytes_[:, 12:15].mean(axis=0)
+            assert int(paint.argmax()) == {"ego": 1, "vehicle_1": 2, "vehicle_2": 0}[name], "in its colour"
