@@ -51,6 +51,7 @@ class Explain:
             at_least(0, seed=self.seed)
         from rich.console import Console
 
+        from mjmerge.scenario.ran import ran
         from mjmerge.search.explain import as_json, explain
         from mjmerge.search.meant import meant
         from mjmerge.sweep.workers import workers
@@ -69,6 +70,8 @@ class Explain:
         time_ = ", continuous time" if continuous else ""
         worst = f", the worst of {run.runs}" if run.runs > 1 and seed == run.seed else ""
         console.print(f"{bold(found.scenario.name)} on {plant}{time_}, seed {seed}{worst}", soft_wrap=True)
+        for line in ran(found.scenario, plant)[1:]:
+            console.print(f"  {line}", markup=False, soft_wrap=True)
         show(console, found)
         return int(found.unsafe)
 

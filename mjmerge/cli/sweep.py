@@ -133,6 +133,7 @@ class Sweep:
 
         from mjmerge.cli.places import breaking_folder
         from mjmerge.scenario.load import load
+        from mjmerge.scenario.ran import ran
         from mjmerge.search import breaking
         from mjmerge.search import report as breaking_report
         from mjmerge.sweep.plan import given
@@ -144,7 +145,8 @@ class Sweep:
         axes = [breaking.ranged(pair[0], self.what, settings, self.plant) for pair in pairs]
         across = breaking.ranged(pairs[0][1], self.what, settings, self.plant) if len(pairs[0]) == 2 else None
         breaking.check(self.what, self.plant, axes, settings, across=across, until=self.until)
-        name = load(self.what).name
+        scenario = load(self.what, self.set_)
+        name = scenario.name
         seeds = range(self.seed, self.seed + self.seeds)
         folder = self.out or breaking_folder(name, self.plant, self.break_, self.until, seeds, self.set_)
         self._prepare(folder, breaking_report.FILES)
@@ -160,9 +162,7 @@ class Sweep:
                 seeds=seeds,
                 progress=lambda text: print(text, file=sys.stderr),
             )
-        title = "; ".join(
-            [f"{name} on {self.plant}", *([f"set: {', '.join(self.set_)}"] if self.set_ else [])]
-        )
+        title = "\n".join(ran(scenario, self.plant))
         breaking_report.write(found, folder, title, self.until, across, self.seeds)
         if self.json:
             print(
@@ -173,7 +173,7 @@ class Sweep:
             )
         else:
             console = Console(highlight=False)
-            console.print(f"{bold(title)}: the smallest mismatch that breaks it")
+            console.print(f"{bold(title.replace(chr(10), '; '))}: the smallest mismatch that breaks it")
             console.print(breaking_report.rich_table(found, across))
             for note in breaking_report.seed_notes(found, self.seeds):
                 console.print(note, markup=False, soft_wrap=True)

@@ -15,7 +15,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from mjmerge.outputs import ENDINGS
-from mjmerge.record.recording import Factory, Header, Keep, Outcome, PosedBlock, Recorder, Recording
+from mjmerge.record.posed import PosedBlock
+from mjmerge.record.recording import Factory, Header, Keep, Outcome, Recorder, Recording
 from mjmerge.record.scene import Scene
 from mjmerge.verdict.metrics import Event
 from mjmerge.versions import git_revision, versions

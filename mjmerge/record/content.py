@@ -24,6 +24,8 @@ from mjmerge.vehicle.datasheet import DataSheet
 
 LARGEST_TEXT_BYTES = 8 * 2**20
 """Of a text in a recording: a scenario has 3 kB, a world 70 kB."""
+_MOST_SET = 100
+"""Of what was given beside a scenario's file."""
 DEEPEST = 20
 """Levels of nesting in JSON; a manifest has five."""
 LARGEST_NUMBER = 10**308
@@ -158,6 +160,8 @@ class Manifest(Frozen):
     sheets: dict[str, DataSheet] | None = None
     code: dict[str, _Code] | None = None
     metrics: list[_Metric] = Field(default_factory=list)
+    set: Annotated[list[_Text], Field(max_length=_MOST_SET)] = Field(default_factory=list)
+    drawing: int = 1
 
 
 def decoded(data: bytes, name: str) -> str:

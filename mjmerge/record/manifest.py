@@ -14,6 +14,8 @@ SCHEMA_VERSION = 2
 manifest says who is there; before, it was an ego and two neighbours."""
 SCHEMA_VERSIONS = (1, SCHEMA_VERSION)
 """Those that are read."""
+DRAWING = 2
+"""Of how numbers are drawn; goes up when the same ones look otherwise. Who checks a drawing asks for it."""
 
 EXPLANATION = "explanation.json"
 """Why a run fails: an attachment, a file of the run folder, and a text with a fingerprint."""
@@ -42,6 +44,7 @@ def manifest(header: Header) -> dict[str, Any]:
     asks = {s.name: s.asks for s in header.scenario.law.signals if s.asks}
     return {
         "schema_version": SCHEMA_VERSION,
+        "drawing": DRAWING,
         "cars": list(there.cars),
         "scenario": header.scenario.name,
         "description": header.scenario.description,
@@ -57,5 +60,6 @@ def manifest(header: Header) -> dict[str, Any]:
         "columns": columns,
         **({"code": {name: dict(of) for name, of in header.code.items()}} if header.code else {}),
         **({"asks": asks} if asks else {}),
+        **({"set": list(header.scenario.changes)} if header.scenario.changes else {}),
         **({"metrics": [dict(metric) for metric in header.metrics]} if header.metrics else {}),
     }

@@ -98,7 +98,7 @@ def main(scenario: Scenario, paint: Mapping[str, Array], plant: str = "mujoco") 
         plant: what moved the cars.
     """
     floor = scenario.expect.min_distance_m.at_least
-    levels = [Level("contact", _RED, 0.0)] + [Level("floor", _DARK_RED, floor)] * (floor != 0)
+    levels = [Level("edge of the disc", _RED, 0.0)] + [Level("floor", _DARK_RED, floor)] * (floor != 0)
     around = [(j, car, rgb(paint[car])) for j, car in enumerate(scenario.roster.neighbours, start=1)]
     edge = [] if scenario.road.ends_m is None else [_EDGE]
     found = [

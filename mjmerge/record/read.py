@@ -130,6 +130,7 @@ class Recorded:
         if scenario.roster != self.roster:
             raise UnreadableError(self.path, "its scenario has other cars than its manifest")
         scenario = scenario.named(str(self.manifest["scenario"]))
+        scenario = scenario.recalling(tuple(self.manifest.get("set", ())))
         if scenario.ticks > max(MOST_TICKS, 2 * len(self.ticks)):
             raise UnreadableError(
                 self.path, f"its scenario has {scenario.ticks} ticks; up to {MOST_TICKS} can be read"

@@ -5,24 +5,21 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
-
-import numpy as np
-from numpy.typing import NDArray
 
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.outputs import PARTIAL
 from mjmerge.record.digest import Digest, of_texts
 from mjmerge.record.manifest import EXPLANATION, canonical, manifest
+from mjmerge.record.posed import PosedBlock, Posing, join
 from mjmerge.record.scene import Scene
+from mjmerge.scenario.ran import ran
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.log import TickBlock
 from mjmerge.simulation.sensing import exact
 from mjmerge.simulation.trace import COLUMNS, Column, own
-from mjmerge.state import Array, nanoseconds
 from mjmerge.vehicle.datasheet import DataSheet
 from mjmerge.verdict.metrics import Event
 from mjmerge.verdict.phases import Phase
@@ -69,6 +66,11 @@ class Header:
     acceptance: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     code: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     metrics: Sequence[Mapping[str, str]] = ()
+
+    @property
+    def ran(self) -> list[str]:
+        """What ran, in words, a line each."""
+        return ran(self.scenario, self.plant, self.seed, continuous=self.continuous)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -124,72 +126,17 @@ class Outcome:
     digests: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class PosedBlock:
-    """A block of consecutive ticks, and where everything that is drawn was at some of them.
-
-    Attributes:
-        wire: the messages that they become.
-        block: the ticks and their columns.
-        time_ns: simulated time from the tick index, ns, (B,).
-        drawn: which ticks of the block are drawn, (D,).
-        pos_m: origins of ``Scene.frames`` in the world, m, (D, F, 3).
-        quat: their orientations, w x y z, (D, F, 4).
-    """
-
-    wire: Wire
-    block: TickBlock
-    time_ns: NDArray[np.int64]
-    drawn: NDArray[np.intp]
-    pos_m: Array
-    quat: Array
-
-    @cached_property
-    def rows(self) -> dict[str, Array]:
-        """What goes into the messages of each topic, (B, doubles); made once, for all formats."""
-        return self.wire.rows(self.block)
-
-
-def pose(block: TickBlock, scene: Scene, wire: Wire, control_step_s: float) -> PosedBlock:
-    """A block with what is drawn of it."""
-    drawn = scene.drawn(block, control_step_s)
-    time_ns = nanoseconds(block.ticks * control_step_s)
-    return PosedBlock(wire, block, time_ns, drawn, *scene.poses(block, drawn))
-
-
-def join(parts: Sequence[PosedBlock]) -> PosedBlock:
-    """Consecutive blocks as one; without ``qpos``, which nobody needs any more."""
-    starts = np.cumsum([0, *(len(p.time_ns) for p in parts[:-1])])
-    block = TickBlock(
-        ticks=np.concatenate([p.block.ticks for p in parts]),
-        time_s=np.concatenate([p.block.time_s for p in parts]),
-        columns={
-            name: np.concatenate([p.block.columns[name] for p in parts]) for name in parts[0].block.columns
-        },
-        qpos=np.empty((sum(len(p.time_ns) for p in parts), 0)),
-    )
-    return PosedBlock(
-        parts[0].wire,
-        block,
-        np.concatenate([p.time_ns for p in parts]),
-        np.concatenate([start + p.drawn for start, p in zip(starts, parts, strict=True)]),
-        np.concatenate([p.pos_m for p in parts]),
-        np.concatenate([p.quat for p in parts]),
-    )
-
-
 class Keep:
     """A sink that keeps a run, with what is drawn of it."""
 
     def __init__(self, header: Header) -> None:
         """Args: what is known of the run."""
-        self._scene, self._wire = Scene(header.model, header.scenario.r_m), header.wire
-        self._step_s = header.control_step_s
+        self._posing = Posing(header, Scene(header.model, header.scenario.r_m))
         self._parts: list[PosedBlock] = []
 
     def write(self, block: TickBlock) -> None:
         """Takes the next ticks."""
-        self._parts.append(pose(block, self._scene, self._wire, self._step_s))
+        self._parts.append(self._posing.block(block))
 
     def posed(self) -> PosedBlock:
         """The whole run, as far as it came."""
@@ -233,7 +180,8 @@ class Recording:
         self._folder = folder
         self._header = header
         self._factories = factories
-        self._scene, self._wire = Scene(header.model, header.scenario.r_m), header.wire
+        self._scene = Scene(header.model, header.scenario.r_m)
+        self._posing = Posing(header, self._scene)
         self._digest = Digest(header.texts, [c.name for c in header.columns])
         self._live: dict[str, Recorder] = {}
         self._failed: dict[str, str] = {}
@@ -253,7 +201,7 @@ class Recording:
         if not self._live:
             return
         self._digest.add(block)
-        posed = pose(block, self._scene, self._wire, self._header.control_step_s)
+        posed = self._posing.block(block)
         for name, recorder in list(self._live.items()):
             self._attempt(name, self._write, recorder, posed)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from mjmerge.record.recording import Header, Outcome
@@ -19,16 +19,11 @@ def finished(header: Header, outcome: Outcome) -> str:
     """The report of a run: verdict, what decides it, events that matter, everything else, origin."""
     found = outcome.summary
     worst = [f"- {e.time_s:.2f} s, {e.car or 'run'}: {e.text}" for e in outcome.events if e.level != "info"]
-    reasons = [
-        *([found["reason"]] if "reason" in found else []),
-        *found.get("verdict_doubts", ()),
-    ]
-    reason = f": {'; but '.join(reasons)}" if reasons else ""
     return "\n".join(
         [
             _title(header),
             "",
-            f"**Verdict: {outcome.verdict}**{reason}",
+            f"**Verdict: {outcome.verdict}**{_reason(found)}",
             "",
             *_table(_main(found)),
             "",
@@ -46,14 +41,20 @@ def finished(header: Header, outcome: Outcome) -> str:
 
 
 def of(
-    title: str,
+    ran: Sequence[str],
+    description: str,
     found: Mapping[str, Any] | None,
     verdict: str | None,
     explanation: Mapping[str, Any] | None = None,
 ) -> str:
-    """The report of a run that was read from a file."""
+    """The report of a run that was read from a file; ``ran`` says what ran, a line each."""
     found = found or {}
-    head = [f"### {title}", "", f"**Verdict: {verdict or 'none, the run has not finished'}**", ""]
+    said = (
+        f"**Verdict: {verdict}**{_reason(found)}"
+        if verdict
+        else "**Verdict: none, the run has not finished**"
+    )
+    head = [title(ran), "", description, "", said, ""]
     main = [*_table(_main(found)), "", *why(explanation)]
     return "\n".join([*head, *main, LEGEND, "", *_table(_flat(found))])
 
@@ -63,25 +64,26 @@ def why(explanation: Mapping[str, Any] | None) -> Iterator[str]:
     if explanation is None:
         return
     yield from ("#### Why", "")
-    yield from (f"- {_cell(one)}" for one in explanation["sentences"])
+    yield from (f"- {cell(one)}" for one in explanation["sentences"])
     yield ""
     if explanation["table"]:
         yield from ("| taken back | margin, m | moves it by, m | then |", "|---|---|---|---|")
         for one in explanation["table"]:
             margin, moved = (one[key] for key in ("margin_m", "moves_m"))
             numbers = ["-" if margin is None else f"{margin:.3f}", "-" if moved is None else f"{moved:+.3f}"]
-            yield "| " + " | ".join([_cell(one["taken_back"]), *numbers, _cell(one["then"])]) + " |"
+            yield "| " + " | ".join([cell(one["taken_back"]), *numbers, cell(one["then"])]) + " |"
         yield ""
 
 
-def _cell(text: str) -> str:
+def cell(text: str) -> str:
     """A text on a line of its own or in a table."""
     return " ".join(text.split()).replace("|", "\\|")
 
 
 LEGEND = (
-    "The ego's front axle must stay out of the discs, which have the radius r: *pale*, *yellow* where d_j is "
-    "less than r/2, *red* where it is inside. The *ghost* is where the nominal law wants the ego. Arrows at "
+    "The ego's front axle must stay out of the discs, which have the radius r: *green* where d_j is r or "
+    "more, *amber* at r/2, *red* where it is inside. Where bodies touch, a *pin* stays at the place, and "
+    "their discs are *bright red* for 2 s. The *ghost* is where the nominal law wants the ego. Arrows at "
     "the ego, r long for 2 m/s²: *blue* u_n, *pink* u_c, *yellow* u = u_n + u_c."
 )
 """What is drawn, in words."""
@@ -102,6 +104,12 @@ def _main(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield name, _number(found[key], unit)
 
 
+def _reason(found: Mapping[str, Any]) -> str:
+    """Grounds of a verdict, and what speaks against it."""
+    reasons = [*([found["reason"]] if "reason" in found else []), *found.get("verdict_doubts", ())]
+    return f": {'; but '.join(reasons)}" if reasons else ""
+
+
 def _number(value: float | None, unit: str) -> str:
     return "-" if value is None else f"{value:.3f} {unit}"
 
@@ -111,8 +119,13 @@ def _table(rows: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def _title(header: Header) -> str:
-    scenario = header.scenario
-    return f"### {scenario.name} on {header.plant}, seed {header.seed}\n\n{scenario.description}"
+    return f"{title(header.ran)}\n\n{header.scenario.description}"
+
+
+def title(ran: Sequence[str]) -> str:
+    """What ran, mismatch and settings below it."""
+    head, *more = ran
+    return "\n\n".join([f"### {head}", *([f"**{cell('; '.join(more))}**"] if more else [])])
 
 
 def _outside(header: Header) -> Iterator[str]:

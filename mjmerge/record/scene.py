@@ -1,8 +1,8 @@
 """What is drawn of the composed world, and where it is tick by tick; the same for every recorder.
 
 Drawn are the geoms of groups 0 to 2 (group 3 is for collisions); around each neighbour's front axle the disc
-of radius r that the ego's front axle must stay out of, coloured by d_j; where the nominal law wants the ego,
-its ghost. Sizes come from the geometry and from r, so that every scale is drawn alike.
+of radius r that the ego's front axle must stay out of, coloured by d_j over r; where the nominal law wants
+the ego, its ghost. Sizes come from the geometry and from r, so that every scale is drawn alike.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjmerge.record.contacts import CLEAR, DISC_RGBA
 from mjmerge.roster import EGO, slot
 from mjmerge.simulation.log import TickBlock
 from mjmerge.state import Array
@@ -25,13 +26,9 @@ _DRAWN_GROUPS = (0, 1, 2)
 TARGET, CAMERA = "law/target", "camera/ego"
 DRAWN_EVERY_S = 0.04
 """Poses are for the eye: this often, and as float32; the numbers are at every tick, as they are."""
-CLOSE = 0.5
-"""A neighbour is close when d_j is less than this part of r."""
-DISC_RGBA = np.array([[0.75, 0.85, 0.95, 0.22], [1.0, 0.82, 0.1, 0.32], [1.0, 0.1, 0.15, 0.45]])
-"""Colour of a disc: clear of it, close, inside."""
 _GHOST_ALPHA = 0.25
 _UNBOUNDED_M = 500.0
-"""Half the side of the square that an infinite plane is drawn as."""
+"""Half the side of the square that an endless plane is drawn as, around the ego."""
 _PLANE_M = 0.001
 _KINDS: dict[int, Kind] = {
     mujoco.mjtGeom.mjGEOM_PLANE: "box",
@@ -80,7 +77,8 @@ class Frame:
 
     Attributes:
         name: of the MuJoCo body, ``ego/chassis``, or one of ours, which do not turn: ``axles/<car>``,
-            ``law/target``, and ``camera/ego``, which goes along the road with the ego but not sideways.
+            ``law/target``, and ``camera/ego``, which goes along the road with the ego but not sideways, and
+            takes the ground with it, so that no run drives off it.
         shapes: what is drawn of it.
         label: what is written above it, if anything.
         neighbour: whose disc it is, as an index into d_j; ``None`` if it is no disc.
@@ -92,8 +90,8 @@ class Frame:
     neighbour: int | None = None
 
     def faded(self, alpha: float) -> Frame:
-        """The same as a ghost: seen through, unlabelled, and without what is a mark and no car."""
-        shapes = () if self.neighbour is not None or self.name == TARGET else self.shapes
+        """The same as a ghost: seen through, unlabelled, and without a target and a ground of its own."""
+        shapes = () if self.name in (TARGET, CAMERA) else self.shapes
         seen_through = tuple(replace(s, rgba=np.array([*s.rgba[:3], alpha])) for s in shapes)
         return replace(self, shapes=seen_through, label="")
 
@@ -121,7 +119,11 @@ class Scene:
         drawn = [g for g in range(model.ngeom) if model.geom_group[g] in _DRAWN_GROUPS]
         drawn = [g for g in drawn if int(model.geom_type[g]) in _KINDS and _rgba(model, g)[3] > 0]
         still = [g for g in drawn if model.body_weldid[model.geom_bodyid[g]] == 0]
-        self.fixed = tuple(_shape(model, g, data.geom_xpos[g], _quat(data.geom_xmat[g])) for g in still)
+        ground = [g for g in still if _endless(model, g)]
+        self.fixed, endless = (
+            tuple(_shape(model, g, data.geom_xpos[g], _quat(data.geom_xmat[g])) for g in some)
+            for some in ([g for g in still if g not in ground], ground)
+        )
         shapes: dict[int, list[Shape]] = {}
         for g in sorted(set(drawn) - set(still)):
             shape = _shape(model, g, model.geom_pos[g], model.geom_quat[g])
@@ -136,7 +138,7 @@ class Scene:
             if model.geom_bodyid[g] == b
         )
         self.label_m = _height_m(data, model, drawn) + 0.15 * r_m
-        self.frames = (*bodies, *self._discs(r_m), Frame(TARGET, ghost), Frame(CAMERA))
+        self.frames = (*bodies, *self._discs(r_m), Frame(TARGET, ghost), Frame(CAMERA, endless))
 
     def _discs(self, r_m: float) -> Iterator[Frame]:
         """The front axles, with the neighbours' discs."""
@@ -196,11 +198,6 @@ def cars_in(model: mujoco.MjModel) -> tuple[str, ...]:
     return tuple(car for car in painted if car == EGO or slot(car) is not None)
 
 
-def closeness(distance_m: Array, r_m: float) -> NDArray[np.int64]:
-    """0: clear of the disc, 1: close to it, 2: inside; like ``distance_m``."""
-    return (distance_m < CLOSE * r_m).astype(np.int64) + (distance_m <= 0)
-
-
 def _height_m(data: mujoco.MjData, model: mujoco.MjModel, drawn: list[int]) -> float:
     """How high what moves reaches, at most, m."""
     moving = [g for g in drawn if model.body_weldid[model.geom_bodyid[g]] != 0]
@@ -212,6 +209,11 @@ def _ghost(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Shape:
     axle_m = data.site("ego/front_axle").xpos * [1, 1, 0]
     shape = _shape(model, geom, data.geom_xpos[geom] - axle_m, _quat(data.geom_xmat[geom]))
     return replace(shape, rgba=np.array([*(0.5 + 0.5 * shape.rgba[:3]), _GHOST_ALPHA]))
+
+
+def _endless(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether a geom is a plane without an end."""
+    return bool(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE and not model.geom_size[geom, :2].all())
 
 
 def _quat(matrix: Array) -> Array:
@@ -256,7 +258,7 @@ def _disc(r_m: float) -> Shape:
         np.array([r_m, r_m, 0.002 * r_m]),
         np.array([0, 0, 0.006 * r_m]),
         np.array([1.0, 0, 0, 0]),
-        DISC_RGBA[0],
+        DISC_RGBA[CLEAR],
         np.empty((0, 3)),
         np.empty((0, 3), np.int32),
     )

@@ -16,6 +16,7 @@ from mjmerge.figures.style import save
 from mjmerge.outputs import whole
 from mjmerge.record.read import Recorded
 from mjmerge.review.claims import claimed_metrics
+from mjmerge.scenario.ran import ran
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict.judge import Verdict, judge
@@ -137,6 +138,9 @@ def table(a: Side, b: Side) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
+    def about(trace: Trace) -> list[str]:
+        return ran(trace.scenario, trace.plant, mismatch=trace.mismatch[0])
+
     grid = Table(box=None, pad_edge=False)
     grid.add_column()
     for side in "AB":
@@ -151,6 +155,10 @@ def table(a: Side, b: Side) -> Table:
 
     for name in ("scenario", "plant", "seed", "verdict"):
         row(name, str, name)
+    given = [dict(line.split(": ", 1) for line in about(side.trace)[1:]) for side in (a, b)]
+    for name in ("mismatch", "set"):
+        if any(name in one for one in given):
+            grid.add_row(name, *(escape(one.get(name, "-")) for one in given), "")
     fewest = min((side.trace.roster for side in (a, b)), key=lambda there: len(there.cars))
     for j, car in enumerate(fewest.neighbours, start=1):
         row(f"min d_{j}", metres, "min_distance_m", car)

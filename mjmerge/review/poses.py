@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from mjmerge.errors import UnreadableError
 from mjmerge.plant.kinematic import standing
 from mjmerge.record.attached import compiled
+from mjmerge.record.contacts import Contacts, Mark, shade
 from mjmerge.record.contents import Ticks
 from mjmerge.record.digest import digests
 from mjmerge.record.mcap.reader import mcap_messages
+from mjmerge.record.posed import PosedBlock, Posing
 from mjmerge.record.read import Recorded
-from mjmerge.record.recording import Header, Outcome, PosedBlock
+from mjmerge.record.recording import Header, Outcome
 from mjmerge.record.rerun.reader import rrd_batches, time_ns_of
 from mjmerge.record.scene import Frame, Scene, aim_m, cars_in
 from mjmerge.review.claims import what_follows
@@ -88,8 +90,14 @@ def posed(found: Recorded, about: Header, scene: Scene) -> PosedBlock:
         qpos=np.empty((len(found.ticks), 0)),
     )
     drawn = scene.drawn(block, about.control_step_s)
-    pos_m, quat = poses(found, about, scene, drawn)
-    return PosedBlock(about.wire, block, found.time_ns, drawn, pos_m, quat)
+    return Posing(about, scene).at(block, drawn, *poses(found, about, scene, drawn))
+
+
+def touched(found: Recorded, r_m: float) -> tuple[list[Mark], NDArray[np.int64]]:
+    """Marks where bodies touched, and the colours of the discs at every tick, (T, C-1)."""
+    block = TickBlock(found.ticks, found.columns["time_s"], found.columns, np.empty((len(found.ticks), 0)))
+    marks, ago_s = Contacts(found.roster, found.sheets(), found.step_s).add(block)
+    return marks, shade(found.columns["distance_m"], r_m, ago_s)
 
 
 def outcome(found: Recorded, trace: Trace) -> Outcome:

@@ -12,7 +12,8 @@ import numpy as np
 
 from mjmerge.errors import MjmergeError
 from mjmerge.record import schema
-from mjmerge.record.mcap.reader import mcap_messages
+from mjmerge.record.manifest import DRAWING
+from mjmerge.record.mcap.reader import mcap_drawn
 from mjmerge.record.read import Recorded
 from mjmerge.record.recording import Header, Outcome
 from mjmerge.record.rerun import layout
@@ -59,7 +60,8 @@ def shown(found: Recorded, about: Header, scene: Scene) -> Iterator[Check]:
         if not alike(ours[name], theirs[name])
     ]
     made, here = found.manifest["versions"], versions()
-    if wrong and any(made.get(name) != here.get(name) for name in _DRAWS):
+    other = found.manifest.get("drawing") != DRAWING
+    if wrong and (other or any(made.get(name) != here.get(name) for name in _DRAWS)):
         yield Check("drawing", None, f"other versions draw otherwise: {wrong[0]}")
         return
     yield checked("drawing", wrong, f"{len(ours)} parts, as the numbers say")
@@ -114,11 +116,10 @@ def contents(path: Path, kind: str) -> Contents:
 
 def _mcap(path: Path) -> Contents:
     """What is drawn in an MCAP."""
-    found: Contents = {}
-    for topic in ("/scene", "/tf", "/log", "/phases"):
-        some = [(at, _plain(message)) for at, message in mcap_messages(path, topic)]
-        found[topic] = sorted(some, key=_order)
-    return found
+    rows: dict[str, list[tuple[int, Any]]] = defaultdict(list)
+    for topic, at, message in mcap_drawn(path):
+        rows[topic].append((at, _plain(message)))
+    return {topic: sorted(some, key=_order) for topic, some in rows.items()}
 
 
 def _order(row: tuple[int, Any]) -> tuple[int, str]:

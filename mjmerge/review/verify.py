@@ -23,6 +23,7 @@ from mjmerge.review.claims import claims
 from mjmerge.review.derived import derived, end_of, geometry
 from mjmerge.review.drawn import drawn
 from mjmerge.review.explained import explained
+from mjmerge.review.given import otherwise
 from mjmerge.scenario.metrics import metric_name
 from mjmerge.scenario.schema import Scenario
 from mjmerge.simulation.trace import COLUMNS, Trace
@@ -206,6 +207,7 @@ def _manifest(found: Recorded, trace: Trace) -> Check:
     if about["description"] != scenario.description:
         wrong.append("the description is not the scenario's")
     wrong += _metrics(about, scenario)
+    wrong += otherwise(found)
     repeated = {
         "mjmerge": {
             "schema_version": str(about["schema_version"]),

@@ -1,5 +1,7 @@
 """``mjmerge video``: a recording as an mp4, rendered off-screen in MuJoCo, with z and d_j drawn beside it.
 
+What ran and what came of it stand above it.
+
 How MuJoCo draws is chosen by ``MUJOCO_GL`` when it is imported, so the drawing is done by a process of its
 own (``python -m mjmerge.review.video``), with EGL if that works here and with OSMesa otherwise.
 """
@@ -11,7 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from importlib.util import find_spec
@@ -22,19 +24,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjmerge.errors import MjmergeError, WorkerError
-from mjmerge.figures.style import words
 from mjmerge.outputs import no_room, whole
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import NS_PER_S, Array
-from mjmerge.verdict.metrics import intends, merged_at_s
 
 if TYPE_CHECKING:
     import mujoco
 
+    from mjmerge.record.contacts import Mark
     from mjmerge.record.scene import Scene
+    from mjmerge.review.captions import Picture
 
 Camera = Literal["chase", "overhead"]
-Picture = NDArray[np.uint8]
 
 _BACKENDS = ("egl", "osmesa")
 _FAILED, _NO_ROOM = 4, 5  # exit codes of the process that draws
@@ -43,9 +44,9 @@ cannot draw off-screen here: neither EGL nor OSMesa works. Install one of them:
   Debian, Ubuntu:  apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri   (or: libosmesa6)
   Fedora:          dnf install mesa-libEGL mesa-dri-drivers               (or: mesa-libOSMesa)
 or open the recording in a viewer: mjmerge view"""
-_PICTURE, _PANEL = (832, 720), (448, 720)
-"""Width and height of the drawing and of the plots beside it, pixels; even, as H.264 wants them."""
-_DPI = 100
+_SIZE, _PANEL_PX = (1280, 720), 448
+"""Width and height of a picture, and the width of the plots beside the drawing, pixels; even, as H.264 wants
+them."""
 _VIEWS: dict[str, tuple[float, float, float]] = {"chase": (0.0, -25.0, 6.2), "overhead": (90.0, -89.9, 9.0)}
 """Azimuth and elevation, degrees, and distance in safety margins r."""
 _SHADOW = 2048  # pixels of the shadow's map, each way
@@ -189,7 +190,8 @@ def render(recording: Path, out: Path, options: Options) -> Iterator[float]:
 
     from mjmerge.record.read import read
     from mjmerge.record.scene import Scene
-    from mjmerge.review.poses import header, poses
+    from mjmerge.review.captions import Panel, title
+    from mjmerge.review.poses import header, poses, touched
 
     found = read(recording)
     about, trace = header(found), found.trace()
@@ -198,15 +200,19 @@ def render(recording: Path, out: Path, options: Options) -> Iterator[float]:
     wanted_ns = np.arange(count) * (NS_PER_S * options.speed / options.fps)
     rows = np.clip(np.searchsorted(found.time_ns, wanted_ns - 0.5e9 * found.step_s), 0, len(found.ticks) - 1)
     pos_m, quat = poses(found, about, scene, rows)
-    panel, stage = Panel(trace), Stage(about.model, scene, trace, options.camera)
+    marks, shades = touched(found, scene.r_m)
+    strip = title(about.ran, found.verdict, found.summary or {}, _SIZE[0])
+    height = _SIZE[1] - len(strip)
+    panel = Panel(trace, marks, (_PANEL_PX, height))
+    stage = Stage(about.model, scene, trace, options.camera, marks, (_SIZE[0] - _PANEL_PX, height))
     ticks = found.ticks[rows]
     with av.open(str(out), "w", format="mp4", options={"movflags": "faststart"}) as file:
-        width, height = _PICTURE[0] + _PANEL[0], _PICTURE[1]
         stream: Any = file.add_stream("libx264", rate=options.fps, options={"crf": _QUALITY})
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = *_SIZE, "yuv420p"
         stream.time_base = Fraction(1, options.fps)
         for k, tick in enumerate(ticks.tolist()):
-            picture = np.concatenate([stage.draw(tick, pos_m[k], quat[k]), panel.draw(tick)], axis=1)
+            drawn = stage.draw(tick, pos_m[k], quat[k], shades[rows[k]])
+            picture = np.concatenate([strip, np.concatenate([drawn, panel.draw(tick)], axis=1)])
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
             frame.pts = k
             file.mux(stream.encode(frame))
@@ -218,11 +224,20 @@ def render(recording: Path, out: Path, options: Options) -> Iterator[float]:
 class Stage:
     """The cars on their road, drawn by MuJoCo from recorded poses."""
 
-    def __init__(self, model: mujoco.MjModel, scene: Scene, trace: Trace, camera: Camera) -> None:
-        """Args: the world; what moves in it; the run; where to look from."""
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        scene: Scene,
+        trace: Trace,
+        camera: Camera,
+        marks: Sequence[Mark],
+        size: tuple[int, int],
+    ) -> None:
+        """Args: the world; what moves in it; the run; where to look from; where bodies touch; pixels."""
         import mujoco
 
-        width, height = _PICTURE
+        width, height = size
+        self._marks, self._label_m = marks, scene.label_m
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         model.vis.quality.offsamples, model.vis.quality.shadowsize = (
             0,
@@ -244,8 +259,15 @@ class Stage:
         starts = trace.front_m[0, 0, :, 1]
         self._middle_m = (starts.max() + starts.min()) / 2
 
-    def draw(self, tick: int, pos_m: Array, quat: Array) -> Picture:
-        """One picture, (height, width, 3), from the poses of the scene's frames, (F, 3) and (F, 4)."""
+    def draw(self, tick: int, pos_m: Array, quat: Array, shades: NDArray[np.int64]) -> Picture:
+        """One picture, (height, width, 3).
+
+        Args:
+            tick: of the run.
+            pos_m: origins of the scene's frames, m, (F, 3).
+            quat: their orientations, w x y z, (F, 4).
+            shades: colours of the discs, (C-1,).
+        """
         import mujoco
 
         data, turn = self._data, np.empty(9)
@@ -262,74 +284,44 @@ class Stage:
         data.light_xpos[:, 0] = self._lights_m + along_m  # shadows reach only so far
         self._camera.lookat[:] = (along_m, self._middle_m, 0.0)
         self._renderer.update_scene(data, self._camera)
-        self._discs(tick)
+        self._marks_and_discs(tick, shades)
         picture: Picture = self._renderer.render()
         return picture
 
-    def _discs(self, tick: int) -> None:
-        """The safety discs around the neighbours' front axles, in the colour of d_j."""
+    def _marks_and_discs(self, tick: int, shades: NDArray[np.int64]) -> None:
+        """The safety discs around the neighbours' front axles, and pins where bodies touched."""
         import mujoco
 
-        from mjmerge.record.scene import DISC_RGBA, closeness
+        from mjmerge.record.contacts import DISC_RGBA, HEAD, MARK_RGB, PIN_RADIUS_R
+
+        flat, ball = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_SPHERE
+        r_m, pin_m = self._r_m, PIN_RADIUS_R * self._r_m
+        for j, shade in enumerate(shades.tolist()):
+            at_m = (*self._trace.front_m[0, tick, 1 + j], 0.006 * r_m)
+            self._add(flat, (r_m, 0.002 * r_m, 0.0), at_m, DISC_RGBA[shade])
+        red = np.array([*MARK_RGB, 0.99])  # what is seen through has no shadow
+        for mark in self._marks:
+            if mark.collision.time_s <= self._trace.time_s[tick]:
+                foot_m, head_m = mark.pin_m(r_m, self._label_m)
+                self._add(ball, (HEAD * pin_m,) * 3, head_m, red)
+                if (line := self._add(flat, (pin_m,) * 3, foot_m, red)) is not None:
+                    mujoco.mjv_connector(line, flat, pin_m, foot_m, head_m)
+
+    def _add(self, kind: int, size: Sequence[float], pos_m: Sequence[float], rgba: Array) -> Any:
+        """Adds a shape to the picture, and returns it; ``None`` where there is no room for it."""
+        import mujoco
 
         scene = self._renderer.scene
-        near = closeness(self._trace.distance_m[0, tick], self._r_m)
-        for j in range(len(near)):
-            if scene.ngeom < scene.maxgeom:
-                mujoco.mjv_initGeom(
-                    scene.geoms[scene.ngeom],
-                    mujoco.mjtGeom.mjGEOM_CYLINDER,
-                    np.array([self._r_m, 0.002 * self._r_m, 0.0]),
-                    np.array([*self._trace.front_m[0, tick, 1 + j], 0.006 * self._r_m]),
-                    np.eye(3).ravel(),
-                    DISC_RGBA[near[j]].astype(np.float32),
-                )
-                scene.ngeom += 1
+        if scene.ngeom == scene.maxgeom:
+            return None
+        geom, turn = scene.geoms[scene.ngeom], np.eye(3).ravel()
+        mujoco.mjv_initGeom(geom, kind, np.array(size), np.array(pos_m), turn, rgba.astype(np.float32))
+        scene.ngeom += 1
+        return geom
 
     def close(self) -> None:
         """Gives back what draws."""
         self._renderer.close()
-
-
-class Panel:
-    """Time, opinion and distances, drawn by matplotlib; only what moves is drawn anew."""
-
-    def __init__(self, trace: Trace) -> None:
-        """Args: the run."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        self._means = intends(trace)[0]
-        from mjmerge.figures.animation import both, draw_distance, draw_opinion
-
-        self._trace, self._merged = trace, merged_at_s(trace)[0]
-        figure = Figure(figsize=(_PANEL[0] / _DPI, _PANEL[1] / _DPI), dpi=_DPI)
-        self._canvas, self._box = FigureCanvasAgg(figure), figure.bbox
-        opinion, distance = (figure.add_axes((0.17, bottom, 0.78, 0.36)) for bottom in (0.49, 0.08))
-        dots, move = draw_opinion(opinion, trace)
-        more, other = draw_distance(distance, trace)
-        what = f"{trace.scenario.name} on {trace.plant}, seed {trace.seeds[0]}"
-        figure.text(0.05, 0.955, words(what), fontsize=11, color="#444444")
-        self._clock = figure.text(0.05, 0.895, "", fontsize=14, animated=True)
-        self._moving, self._move = [*dots, *more], both(move, other)
-        for artist in self._moving:
-            artist.set_animated(True)
-        self._canvas.draw()
-        self._still = self._canvas.copy_from_bbox(self._box)
-
-    def draw(self, tick: int) -> Picture:
-        """One picture, (height, width, 3)."""
-        self._canvas.restore_region(self._still)
-        self._move(tick)
-        t = self._trace.time_s[tick]
-        means = self._means[tick]
-        what = "has merged" if t >= self._merged else "means to merge" if means else "waits"
-        self._clock.set_text(f"{t:.2f} s   the ego {what}")
-        for artist in self._moving:
-            artist.axes.draw_artist(artist)
-        self._clock.draw(self._canvas.get_renderer())
-        picture: Picture = np.asarray(self._canvas.buffer_rgba())[..., :3]
-        return picture
 
 
 if __name__ == "__main__":

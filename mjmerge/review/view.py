@@ -12,6 +12,7 @@ import numpy as np
 import rerun as rr
 import rerun.chunk as rc
 
+from mjmerge.config.acts import BODIES
 from mjmerge.errors import OutputError, UnreadableError
 from mjmerge.record import plots, report
 from mjmerge.record.attached import compiled
@@ -23,15 +24,22 @@ from mjmerge.record.rerun.draw import (
     send_arrows,
     send_discs,
     send_levels,
-    send_states,
     still_arrows,
     still_frames,
     still_levels,
+)
+from mjmerge.record.rerun.happened import (
+    send_marks,
+    send_no_contact,
+    send_states,
+    still_contact,
     still_states,
     times_of,
 )
 from mjmerge.record.rerun.stream import new_stream, save
-from mjmerge.record.scene import DRAWN_EVERY_S, Scene, closeness
+from mjmerge.record.scene import DRAWN_EVERY_S, Scene
+from mjmerge.review.poses import touched
+from mjmerge.scenario.ran import ran
 
 APPLICATION = "mjmerge_mcap"
 _PATIENCE_S = 30.0
@@ -59,7 +67,8 @@ def write_view(mcap: Path, rrd: Path) -> None:
     stream = new_stream(APPLICATION)
     blueprint = layout.blueprint(scenario, scene.paint, plant, timeline=layout.MCAP_TIME)
     save(stream, rrd, blueprint)
-    stream.send_recording_name(mcap.name)
+    said = ran(scenario, plant, int(found.manifest["seed"]), continuous=bool(found.manifest["continuous"]))
+    stream.send_recording_name("; ".join(said))
     try:
         with sound(mcap) as readable:
             stream.send_chunks(rc.McapReader(readable, timeline_type="duration_ns").stream())
@@ -73,19 +82,26 @@ def write_view(mcap: Path, rrd: Path) -> None:
         moves_with = rr.CoordinateFrame(frames.get(entity.rpartition("/")[0], WORLD))
         stream.log(entity, what, moves_with, static=True)
     which = plots.everything(scenario, scene.paint, plant)
-    for entity, what in [*still_states(scenario), *still_levels(which)]:
+    contact = still_contact(found.roster) if plant in BODIES else []
+    for entity, what in [*still_states(scenario), *contact, *still_levels(which)]:
         stream.log(entity, what, static=True)
     time = layout.MCAP_TIME
     send_states(stream, found.states, time)
-    near = closeness(found.columns["distance_m"], scene.r_m)
-    send_discs(stream, scene, found.time_ns, near, np.full(near.shape[1], -1), time)
+    marks, shades = touched(found, scene.r_m)
+    send_discs(stream, scene, found.time_ns, shades, np.full(shades.shape[1], -1), time)
+    if plant in BODIES:
+        send_no_contact(stream, int(found.time_ns[0]), time)
+    send_marks(stream, scene, marks, time)
+    for number in {mark.number for mark in marks}:
+        for entity in (pin := layout.mark_entity(number), f"{pin}/label"):
+            stream.log(entity, rr.CoordinateFrame(WORLD), static=True)
     part = slice(None, None, max(1, round(DRAWN_EVERY_S / found.step_s)))
     columns = {name: values[part] for name, values in found.columns.items()}
     send_arrows(stream, scene, times_of(found.time_ns[part], time), columns)
     for name, text, kind in (
         (
             "report",
-            report.of(mcap.name, found.summary, found.verdict, found.explanation),
+            report.of(said, scenario.description, found.summary, found.verdict, found.explanation),
             rr.MediaType.MARKDOWN,
         ),
         ("scenario", found.scenario_yaml, rr.MediaType.TEXT),

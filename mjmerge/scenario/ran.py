@@ -38,5 +38,11 @@ def ran(
     return lines
 
 
+def beneath(scenario: Scenario, plant: str) -> list[str]:
+    """Mismatch and settings as Markdown, to stand below a title; nothing where there are none."""
+    said = "; ".join(ran(scenario, plant)[1:])
+    return [f"**{said}**", ""] if said else []
+
+
 def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)

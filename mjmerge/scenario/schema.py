@@ -329,8 +329,11 @@ class Scenario(Frozen):
         return copy
 
     def settled(self) -> Scenario:
-        """The same scenario as if all of it stood in its file: to be run on another plant for comparison."""
-        return self.giving({})
+        """The same scenario as if all of it stood in its file: to be run on another plant for comparison.
+
+        It still tells what was given beside it.
+        """
+        return self.giving({}).recalling(self.changes)
 
     def recalling(self, changes: tuple[str, ...]) -> Scenario:
         """The same scenario with the memory of what was given beside its file, to be told of what ran."""

@@ -13,6 +13,7 @@ import numpy as np
 from mjmerge.figures.style import save
 from mjmerge.outputs import put
 from mjmerge.scenario.load import dump
+from mjmerge.scenario.ran import beneath
 from mjmerge.scenario.schema import Scenario
 from mjmerge.search.against import PROOF, Against
 from mjmerge.search.falsify import Search
@@ -147,6 +148,7 @@ def _lines(
 ) -> Iterator[str]:
     ground = found.ground
     yield from (f"# What breaks {ground.scenario.name} on {ground.plant}", "")
+    yield from beneath(ground.scenario, ground.plant)
     yield from (f"A run counts if the same behaviour is safe {against.words}.", "")
     head = ("method", "seed", "runs", "fair", "failures", "first at run", "least margin (m)")
     yield from ("| " + " | ".join(head) + " |", "|" + "---|" * len(head))

@@ -12,7 +12,7 @@ import numpy as np
 from mjmerge.figures.style import COLOURS, LINE, MU, head, save, sheet
 from mjmerge.outputs import put
 from mjmerge.scenario.load import dump
-from mjmerge.scenario.ran import ran
+from mjmerge.scenario.ran import beneath, ran
 from mjmerge.search.candidate import LEAST_STOOD, LONGER, Candidate
 from mjmerge.search.falsify import SCREEN_S, Search
 from mjmerge.search.harden import Fresh, Hardened, worst_m
@@ -175,6 +175,7 @@ def _report(found: Hardened) -> Iterator[str]:
     ground = found.ground
     yield f"# {ground.scenario.name}, hardened on {ground.plant}"
     yield ""
+    yield from beneath(ground.scenario, ground.plant)
     yield " ".join(sentences(found))
     yield ""
     yield "Made with " + ", ".join(f"{name} {version}" for name, version in versions().items()) + "."

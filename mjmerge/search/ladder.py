@@ -15,6 +15,7 @@ from mjmerge.figures.style import COLOURS, LINE, End, ends, head, length, save, 
 from mjmerge.outputs import put
 from mjmerge.scenario.effect import told
 from mjmerge.scenario.mismatch import Mismatch
+from mjmerge.scenario.ran import beneath
 from mjmerge.scenario.schema import Scenario
 from mjmerge.sweep.plan import MISMATCH, Batches, Case, acts, planned, size_of
 from mjmerge.sweep.rows import METRIC, min_d_m
@@ -219,6 +220,7 @@ def markdown(ladder: Ladder) -> str:
     lines = [
         f"# The ladder of {ladder.scenario.name}",
         "",
+        *beneath(ladder.scenario, ladder.rungs[-1].case.batch.plant),
         delay_line(ladder),
         "",
         f"| rung | adds | {' | '.join(f'min d_{j} (m)' for j, _ in enumerate(each, 1))} | least (m) "

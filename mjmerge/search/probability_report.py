@@ -12,7 +12,7 @@ import numpy as np
 
 from mjmerge.figures.style import COLOURS, LINE, MU, head, save, words
 from mjmerge.outputs import put
-from mjmerge.scenario.ran import ran
+from mjmerge.scenario.ran import beneath, ran
 from mjmerge.scenario.space import Distribution
 from mjmerge.search.findings import LOOKS
 from mjmerge.search.kept import FIGURE, REPORT, RESULTS, looks
@@ -104,6 +104,7 @@ def markdown(found: Probability) -> str:
     line = sentence(found)
     parts: list[str] = [
         f"# How likely {name} on {plant} comes too close",
+        *beneath(ground.scenario, plant)[:1],
         f"{line[0].upper()}{line[1:]}. Seed {asked.seed}.",
         f"![Probability of margins]({FIGURE})",
         "The margin is the least of every d_j and of every clearance of the ego, over a run. The seed of a "

@@ -53,7 +53,9 @@ def markdown(
 ) -> str:
     """The intervals as a table."""
     what = "d_j <= 0 or bodies that touch" if until == "unsafe" else "a broken safety floor"
-    lines = [f"# Breaking points of {title}", "", f"The smallest mismatch with {what}.", ""]
+    name, *given = title.splitlines()
+    lines = [f"# Breaking points of {name}", "", *([f"**{'; '.join(given)}**", ""] if given else [])]
+    lines += [f"The smallest mismatch with {what}.", ""]
     head = ["axis", *([across.key] if across else []), "breaks", "least d_j before (m)", "and after (m)"]
     head += ["what broke first", "beyond it"]
     lines += ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]

@@ -24,7 +24,8 @@ INTENT = 0.5
 """Weight w above which the ego intends to merge (z itself never exceeds 1/k_mu)."""
 
 _YAW_S = 0.1  # a yaw rate is the mean over this
-_JOIN_S = 0.3  # a stretch of contact or saturation with shorter breaks is one event
+JOIN_S = 0.3
+"""A stretch of contact or saturation with shorter breaks is one event."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def collisions(trace: Trace, run: int = 0) -> list[Collision]:
     for i, (a, b) in enumerate(trace.roster.pairs):
         touching = np.flatnonzero(touching_at[:, i])
         if touching.size:
-            first = touching[touching < touching[0] + max(1, round(_JOIN_S / trace.scenario.control_step_s))]
+            first = touching[touching < touching[0] + max(1, round(JOIN_S / trace.scenario.control_step_s))]
             speeds = trace.contact_speed_mps[run, first, i]
             known = speeds[speeds > 0]
             speed = float(known[0]) if known.size else None
@@ -236,7 +237,7 @@ def events(trace: Trace, run: int = 0) -> list[Event]:
     found: list[Event] = []
     time_s, cars = trace.time_s, trace.roster.cars
 
-    joined = round(_JOIN_S / trace.scenario.control_step_s)
+    joined = round(JOIN_S / trace.scenario.control_step_s)
 
     def spans(mask: Mask) -> list[tuple[int, int]]:
         """First tick of each stretch where the mask holds, and the first tick after it; short breaks join."""

@@ -41,7 +41,7 @@ import mjmerge
 from mjmerge.record import FORMATS, Factory, Header, Outcome, Recording, versions
 from mjmerge.record.mcap.file import McapFile, Message
 from mjmerge.record.mcap.recorder import writer_options
-from mjmerge.record.recording import pose
+from mjmerge.record.posed import Posing
 from mjmerge.record.rerun.draw import send_numbers
 from mjmerge.record.rerun.recorder import Journal
 from mjmerge.record.rerun.stream import new_stream
@@ -191,9 +191,9 @@ def foxglove_alone(scenario: Scenario, world: World, done: Path, folder: Path) -
 def rerun_alone(scenario: Scenario, world: World, header: Header, done: Path, folder: Path) -> Cost:
     """Rerun's encoder, given the columns of every block, and then the chunks of a finished ``run.rrd``."""
     simulated(scenario, world, Timed(kept := Kept()))
-    scene, ready = Scene(world.model, scenario.r_m), {}
+    posing, ready = Posing(header, Scene(world.model, scenario.r_m)), {}
     for block in kept.blocks:
-        send_numbers(heard := Heard(), pose(block, scene, header.wire, scenario.control_step_s))
+        send_numbers(heard := Heard(), posing.block(block))
         ready[int(block.ticks[0])] = heard.calls
     stream = new_stream("floor")
     journal = Journal(folder / "run.rrd.partial", stream)

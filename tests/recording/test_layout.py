@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 
 from mjmerge.errors import OutputError
 from mjmerge.record import Header, Keep, plots, schema
+from mjmerge.record.contacts import CLEAR, DISC_RGBA, shade
 from mjmerge.record.mcap import foxglove as foxglove_layout
-from mjmerge.record.recording import join, pose
+from mjmerge.record.posed import Posing, join
 from mjmerge.record.rerun import arrow
 from mjmerge.record.rerun.side_by_side import ShownSide, write_comparison
-from mjmerge.record.scene import CAMERA, TARGET, Scene, closeness
+from mjmerge.record.scene import TARGET, Scene
 from mjmerge.roster import roster
 from mjmerge.run import selected
 from mjmerge.scenario.load import load
@@ -30,6 +31,7 @@ from .conftest import MakeBlocks
 from .test_recording import columns
 
 WIRE = schema.Wire(roster())
+NEVER_S = np.array([[np.inf]])
 
 
 @pytest.fixture(scope="module")
@@ -78,10 +80,25 @@ def test_a_damaged_array_is_refused() -> None:
         arrow.numbers(WIRE, damaged, schema.CAR_MESSAGE)
 
 
-@pytest.mark.parametrize(("d_m", "state"), [(0.4, 0), (0.29, 1), (1e-9, 1), (0.0, 2), (-0.1, 2), (np.nan, 0)])
-def test_a_disc_is_coloured_by_d(d_m: float, state: int) -> None:
-    assert closeness(np.array([[d_m]]), r_m=0.6) == state
-    assert closeness(np.array([[10 * d_m]]), r_m=6.0) == state
+@pytest.mark.parametrize("r_m", [0.6, 6.0])
+def test_a_disc_is_red_inside_amber_at_half_of_r_and_green_from_r_on(r_m: float) -> None:
+    distance_m = r_m * np.array([[-0.2], [0.0], [0.5], [1.0], [9.0]])
+    red, green, blue, _ = DISC_RGBA[shade(distance_m, r_m, np.full((5, 1), np.inf))[:, 0]].T
+    assert (red > 3 * green).tolist() == [True, True, False, False, False]
+    assert (green > 2 * red).tolist() == [False, False, False, True, True]
+    assert red[2] > green[2] > 3 * blue[2]
+
+
+@given(st.floats(-1, 3), st.floats(-1, 3))
+def test_a_disc_is_no_greener_where_the_ego_is_nearer(a: float, b: float) -> None:
+    near, far = sorted((a, b))
+    shades = [int(shade(np.array([[d_m]]), 1.0, NEVER_S)[0, 0]) for d_m in (near, far)]
+    assert shades[0] <= shades[1]
+    assert (shades[0] == 0) == (near <= 0), "red means inside, and nothing else"
+
+
+def test_what_is_not_known_is_no_alarm() -> None:
+    assert shade(np.array([[np.nan]]), 1.0, NEVER_S) == CLEAR
 
 
 @pytest.mark.parametrize("step_s", [0.001, 0.01, 0.03, 0.1, 0.5, 1.0])
@@ -99,18 +116,23 @@ def test_the_ghost_is_the_ego_on_the_road(scene: Scene) -> None:
     assert all(s.rgba[3] < 0.5 for s in ghost)
     wheels = [s for s in ghost if s.kind == "cylinder"]
     assert min(s.pos_m[2] - s.half_size_m[0] for s in wheels) == pytest.approx(0, abs=0.02)
-    assert frames[CAMERA].shapes == ()
 
 
 def test_joined_blocks_are_the_whole_run(header: Header, make_blocks: MakeBlocks) -> None:
     blocks = make_blocks(3, 50, 1, 8)
     scene = Scene(header.model, 0.6)
-    whole = join([pose(b, scene, header.wire, 0.01) for b in blocks])
+    posing = Posing(header, scene)
+    whole = join([posing.block(b) for b in blocks])
     for name, values in columns(blocks).items():
         told = whole.block.time_s if name == "time_s" else whole.block.columns[name]
         assert told.tobytes() == values.tobytes(), name
     assert whole.block.ticks[whole.drawn].tolist() == list(range(0, 62, 4))
     assert whole.pos_m.shape[:2] == whole.quat.shape[:2] == (16, len(scene.frames))
+    (block,) = make_blocks(62)
+    at_once = Posing(header, scene).block(block)
+    assert np.array_equal(whole.shades, at_once.shades)
+    assert [str(mark) for mark in whole.marks] == [str(mark) for mark in at_once.marks]
+    assert whole.marks
 
 
 class Judged:

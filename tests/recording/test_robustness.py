@@ -119,7 +119,8 @@ def test_wherever_a_file_of_a_run_ends_it_contradicts_nothing(tmp_path: Path, pl
 def test_a_finished_file_without_the_last_poses_is_wrong(tmp_path: Path, monkeypatch) -> None:
     def shorter(posed: PosedBlock) -> PosedBlock:
         most = slice(0, -1)
-        return replace(posed, drawn=posed.drawn[most], pos_m=posed.pos_m[most], quat=posed.quat[most])
+        drawn = {name: getattr(posed, name)[most] for name in ("drawn", "pos_m", "quat", "shades")}
+        return replace(posed, **drawn)
 
     for recorder in (McapRecorder, RerunRecorder):
         write = recorder.write

@@ -23,6 +23,7 @@ from mjmerge.roster import roster
 from mjmerge.run import run
 from mjmerge.scenario.load import load
 from mjmerge.simulation.trace import COLUMNS
+from tests.recording.test_forgery import STANDS
 
 KINDS = ("mcap", "rrd")
 
@@ -222,7 +223,11 @@ def test_compare_of_the_same_run_in_two_formats_is_identical(mjmerge, folders) -
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_video_shows_the_run_in_h264(mjmerge, folders, tmp_path, kind) -> None:
     av = pytest.importorskip("av")
-    shutil.copy(folders["mujoco"] / f"run.{kind}", tmp_path / f"run.{kind}")
+    hit = kind == "rrd"
+    if hit:  # the ego stands, and is driven into
+        run(load("paper", ["duration_s=1.3", *STANDS]), "mujoco", folder=tmp_path, replace=True)
+    else:
+        shutil.copy(folders["mujoco"] / f"run.{kind}", tmp_path / f"run.{kind}")
     camera = {"mcap": "chase", "rrd": "overhead"}[kind]
     code, out, err = mjmerge("video", tmp_path / f"run.{kind}", "--camera", camera, "--fps", "5")
     if code == 2 and "apt-get install" in err:
@@ -234,13 +239,18 @@ def test_a_video_shows_the_run_in_h264(mjmerge, folders, tmp_path, kind) -> None
         assert stream.codec_context.name == "h264"
         pictures = [f.to_ndarray(format="rgb24") for f in file.decode(video=0)]
     assert len(pictures) == 7  # 1.3 s at 5 a second
-    width = video._PICTURE[0]
-    scene, plots = pictures[0][:, :width].astype(int), pictures[0][:, width:]
+    title, below = pictures[0][:32], pictures[0][32:]
+    assert (title > 240).mean() > 0.7  # letters on white, over all of it
+    assert (title < 60).sum() > 500
+    scene, plots = below[:, :832].astype(int), below[:, 832:]
     red, green, blue = scene[..., 0], scene[..., 1], scene[..., 2]
-    assert ((green > red + 40) & (green > blue + 20)).sum() > 200  # the ego is green
+    assert ((green > red + 70) & (green > blue + 40)).sum() > 200  # the ego is green
     assert ((blue > red + 40) & (blue > green + 20)).sum() > 100  # Vehicle 1 is blue
     assert (plots > 240).mean() > 0.7  # lines on white
     assert np.abs(pictures[-1].astype(int) - pictures[0]).max() > 100
+    reds = [((p[200:, :832, 0] > 200) & (p[200:, :832, 1:] < 40).all(axis=-1)).sum() for p in pictures]
+    assert reds[0] < 500
+    assert (reds[-1] > 5000) == hit, "the disc of a car that was hit"
 
 
 def test_without_a_way_to_draw_the_advice_names_packages(mjmerge, folders, tmp_path, monkeypatch) -> None:

@@ -60,9 +60,13 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("name", ["run", "compare"])
 def test_the_recordings_of_many_runs(runs: Path, shows, name: str) -> None:
-    shows(runs / f"{name}.rrd", name, 5.2)
+    shows(runs / f"{name}.rrd", name, 5.6)  # just after a contact
 
 
 def test_an_mcap(runs: Path, tmp_path: Path, shows) -> None:
     write_view(runs / "run.mcap", tmp_path / "mcap.rrd")
-    shows(tmp_path / "mcap.rrd", "mcap", 5.2, "message_log_time")
+    shows(tmp_path / "mcap.rrd", "mcap", 5.6, "message_log_time")
+
+
+def test_an_mcap_that_rerun_opens_by_itself_shows_cars_and_says_what_happened(runs: Path, shows) -> None:
+    shows(runs / "run.mcap", "mcap_alone", 5.6, "message_log_time")

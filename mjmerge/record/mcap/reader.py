@@ -39,6 +39,8 @@ _DRAWN = {
     "/log": "foxglove.Log",
     "/phases": "foxglove.Log",
 }
+LOOK, _CLOUD = "/look/", "foxglove.PointCloud"
+"""How the topics of points begin, and what they hold; see ``clouds.py``."""
 Decode = Callable[[bytes], Any]
 
 
@@ -52,6 +54,20 @@ def mcap_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
             case Message() if channels.topic(record) == topic:
                 try:
                     yield record.time_ns, channels.decoded(record)
+                except DecodeError:
+                    return
+
+
+def mcap_drawn(path: Path) -> Iterator[tuple[str, int, Any]]:
+    """Topic, time, ns, and content of every message that is shown, as far as the file can be read."""
+    channels = _Channels(Found())
+    for record in McapFile(path).read():
+        match record:
+            case Schema() | Channel():
+                channels.add(record)
+            case Message() if (topic := channels.topic(record)) and topic.startswith((*_DRAWN, LOOK)):
+                try:
+                    yield topic, record.time_ns, channels.decoded(record)
                 except DecodeError:
                     return
 
@@ -151,6 +167,7 @@ class _Channels:
             return
         message = self._ours.message_of(record.topic)
         drawn = (_DRAWN[record.topic],) if record.topic in _DRAWN else ()
+        drawn += (_CLOUD,) * record.topic.startswith(LOOK)
         wanted = self._ours.names_of(message) if message else drawn
         if not wanted:
             self._found.flaws.append(f"{record.topic[:80]!r} is no topic of a recording")
@@ -259,7 +276,10 @@ def _say(found: Found, topic: str, message: Message, channels: _Channels) -> Non
         if topic not in ("/log", "/phases"):
             return
         if topic == "/phases":
-            found.states.append((message.time_ns, log.name, log.message))
+            subject, _, state = log.message.partition(": ")
+            if log.name:  # before drawing 2
+                subject, state = log.name, log.message
+            found.states.append((message.time_ns, subject, state))
             return
         level = type(log).Level.Name(log.level).lower()
     except (DecodeError, ValueError, AttributeError):

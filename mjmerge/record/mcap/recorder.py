@@ -1,9 +1,9 @@
 """``run.mcap``: the archive. Foxglove's messages for what it can draw, ours for what we measured.
 
 Topics: ``/law`` (LawState), ``/car/<car>`` (CarState), ``/told`` (ToldState, where the ego was not told the
-truth), ``/tf``, ``/scene`` (at t = 0, and where a disc changes its colour), ``/log``, and ``/phases`` (Log:
-``name`` is in the state ``message`` from here on). All times are simulated, so that equal runs give equal
-bytes. A block is one chunk and is on disk once written.
+truth), ``/tf``, ``/scene`` (at t = 0, where a disc changes its colour, and where bodies touch), ``/look/...``
+(points, see ``clouds.py``), ``/log``, and ``/phases`` (Log: "subject: state", from here on). All times are
+simulated, so that equal runs give equal bytes. A block is one chunk and is on disk once written.
 """
 
 from __future__ import annotations
@@ -15,16 +15,19 @@ from pathlib import Path
 import foxglove
 import numpy as np
 from foxglove import messages as fox
-from foxglove.channels import LogChannel, SceneUpdateChannel
+from foxglove.channels import LogChannel, PointCloudChannel, SceneUpdateChannel
 from foxglove.mcap import MCAPWriteOptions
 from numpy.typing import NDArray
 
 from mjmerge.record import schema
+from mjmerge.record.contacts import CLEAR, DISC_RGBA, HEAD, MARK_RGB, PIN_RADIUS_R, Mark
 from mjmerge.record.manifest import CONVENTIONS, EXPLANATION, SCHEMA_VERSION, manifest
 from mjmerge.record.mcap import foxglove as foxglove_layout
+from mjmerge.record.mcap.clouds import clouds
 from mjmerge.record.mcap.wire import Layout
-from mjmerge.record.recording import Header, Outcome, PosedBlock
-from mjmerge.record.scene import DISC_RGBA, Frame, Scene, Shape, closeness
+from mjmerge.record.posed import PosedBlock
+from mjmerge.record.recording import Header, Outcome
+from mjmerge.record.scene import Frame, Scene, Shape
 from mjmerge.state import NS_PER_S, Array, nanoseconds
 
 WORLD = "world"
@@ -65,13 +68,19 @@ class McapRecorder:
             "application/json",
             foxglove_layout.text(header.scenario, scene.paint, header.plant),
         )
-        self._drawing, self._near = scene, np.zeros(len(wire.roster.neighbours), np.int64)
+        self._drawing, self._shades = scene, np.full(len(wire.roster.neighbours), CLEAR)
+        self._discs_drawn: dict[tuple[int, int], fox.SceneUpdate] = {}
         self._scene = SceneUpdateChannel("/scene", context=self._context)
         self._scene.log(_scene_update(scene), log_time=0)
+        for topic, cloud in clouds(scene):
+            PointCloudChannel(topic, context=self._context).log(cloud, log_time=0)
 
     def write(self, posed: PosedBlock) -> None:
         """Adds consecutive ticks, and puts them on disk."""
         self._discs(posed)
+        for mark in posed.marks:
+            update = fox.SceneUpdate(entities=[_pin(mark, self._drawing)])
+            self._scene.log(update, log_time=mark.time_ns)
         poses = np.concatenate([posed.pos_m, np.roll(posed.quat, -1, axis=-1)], axis=-1)  # x y z w
         self._send("/tf", poses.reshape(len(poses), 7 * poses.shape[1]), posed.time_ns[posed.drawn])
         for topic, rows in posed.rows.items():
@@ -86,19 +95,25 @@ class McapRecorder:
 
     def _discs(self, posed: PosedBlock) -> None:
         """Draws a disc anew where its colour changes."""
-        near = closeness(posed.block.columns["distance_m"][posed.drawn], self._drawing.r_m)
-        if (near == self._near).all():
+        shades = posed.shades
+        if (shades == self._shades).all():
             return
-        for frame in self._drawing.frames:
+        for f, frame in enumerate(self._drawing.frames):
             if frame.neighbour is None:
                 continue
-            now = near[:, frame.neighbour]
-            for k in np.flatnonzero(np.diff(now, prepend=self._near[frame.neighbour])):
-                shapes = tuple(replace(s, rgba=DISC_RGBA[now[k]]) for s in frame.shapes)
-                drawn = _entity(replace(frame, shapes=shapes), self._drawing.label_m)
-                at = int(posed.time_ns[posed.drawn[k]])
-                self._scene.log(fox.SceneUpdate(entities=[drawn]), log_time=at)
-        self._near = near[-1]
+            now = shades[:, frame.neighbour]
+            for k in np.flatnonzero(np.diff(now, prepend=self._shades[frame.neighbour])).tolist():
+                self._scene.log(self._disc(f, int(now[k])), log_time=int(posed.time_ns[posed.drawn[k]]))
+        self._shades = shades[-1]
+
+    def _disc(self, frame: int, shade: int) -> fox.SceneUpdate:
+        """A disc in one of its colours; each is made once."""
+        if (frame, shade) not in self._discs_drawn:
+            of = self._drawing.frames[frame]
+            shapes = tuple(replace(s, rgba=DISC_RGBA[shade]) for s in of.shapes)
+            entity = _entity(replace(of, shapes=shapes), self._drawing.label_m)
+            self._discs_drawn[frame, shade] = fox.SceneUpdate(entities=[entity])
+        return self._discs_drawn[frame, shade]
 
     def close(self, outcome: Outcome) -> None:
         """Adds the events, the phases, the verdict and the summary, and completes the file."""
@@ -147,8 +162,9 @@ def _transforms_layout(scene: Scene) -> Layout:
 
 
 def _log_message(time_s: float, level: fox.LogLevel, name: str, message: str) -> fox.Log:
+    """A line; the name is in the text, because Rerun shows nothing else of it."""
     at = _timestamp(int(nanoseconds(time_s)))
-    return fox.Log(timestamp=at, level=level, message=message, name=name)
+    return fox.Log(timestamp=at, level=level, message=f"{name}: {message}" if name else message)
 
 
 def _timestamp(time_ns: int) -> fox.Timestamp:
@@ -204,6 +220,31 @@ def _entity(frame: Frame, label_m: float) -> fox.SceneEntity:
         cylinders=cylinders,
         triangles=triangles,
         texts=texts,
+    )
+
+
+def _pin(mark: Mark, scene: Scene) -> fox.SceneEntity:
+    """A pin with a label where bodies began to touch, for the rest of the run."""
+    foot, head = (dict(zip("xyz", m, strict=True)) for m in mark.pin_m(scene.r_m, scene.label_m).tolist())
+    thick, ball = (2 * k * PIN_RADIUS_R * scene.r_m for k in (1.0, HEAD))
+    red = fox.Color(**dict(zip("rgb", MARK_RGB, strict=True)), a=1.0)
+    at = fox.Pose(position=fox.Vector3(**head), orientation=fox.Quaternion(w=1.0))
+    line = fox.LinePrimitive(thickness=thick, points=[fox.Point3(**foot), fox.Point3(**head)], color=red)
+    label = fox.TextPrimitive(
+        pose=at,
+        billboard=True,
+        font_size=14.0,
+        scale_invariant=True,
+        color=fox.Color(r=1.0, g=1.0, b=1.0, a=1.0),
+        text=mark.collision.sentence,
+    )
+    return fox.SceneEntity(
+        timestamp=_timestamp(mark.time_ns),
+        frame_id=WORLD,
+        id=f"contact/{mark.number}",
+        lines=[line],
+        spheres=[fox.SpherePrimitive(pose=at, size=fox.Vector3(x=ball, y=ball, z=ball), color=red)],
+        texts=[label],
     )
 
 

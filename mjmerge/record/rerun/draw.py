@@ -13,18 +13,18 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from mjmerge.config.acts import BODIES
 from mjmerge.record import plots
+from mjmerge.record.contacts import DISC_RGBA
 from mjmerge.record.plots import Plot
-from mjmerge.record.recording import Header, PosedBlock
+from mjmerge.record.posed import PosedBlock
+from mjmerge.record.recording import Header
 from mjmerge.record.rerun import arrow, layout
 from mjmerge.record.rerun.arrow import Template
-from mjmerge.record.scene import DISC_RGBA, Scene, Shape
-from mjmerge.scenario.schema import Scenario
+from mjmerge.record.rerun.happened import Still, still_contact, still_states, times_of
+from mjmerge.record.scene import Scene, Shape
 from mjmerge.state import Array
-from mjmerge.verdict import phases
 
-Still = list[tuple[str, rr.AsComponents]]
-"""Entities and what never changes of them."""
 _ARROW_R = 0.5
 """Length of an arrow for 1 m/s^2, in safety margins."""
 _TRAIL_R, _ARROW_RADIUS_R = 0.015, 0.035
@@ -34,6 +34,8 @@ _TRANSFORM = Template(rr.Transform3D.columns(translation=_POINT, quaternion=[[0.
 _STRIP = Template(rr.LineStrips3D.columns(strips=[[*_POINT, *_POINT]]))
 _ARROW = Template(rr.Arrows3D.columns(vectors=_POINT))
 _CYLINDER_COLOR = Template(rr.Cylinders3D.columns(colors=[0]))
+_DISC_RGBA32 = np.round(255 * DISC_RGBA).astype(np.uint32) @ np.array([2**24, 2**16, 2**8, 1], np.uint32)
+"""The colours of discs as Rerun packs them."""
 
 
 def send_numbers(stream: rr.RecordingStream, posed: PosedBlock, root: str = "") -> None:
@@ -85,9 +87,10 @@ def send_discs(
     stream: rr.RecordingStream,
     scene: Scene,
     time_ns: NDArray[np.int64],
-    near: NDArray[np.int64],
+    shades: NDArray[np.int64],
     before: NDArray[np.int64],
     timeline: str = layout.SIM_TIME,
+    entity: Callable[[str], str] = layout.entity,
 ) -> None:
     """Sends the colours of the discs where they change.
 
@@ -95,19 +98,20 @@ def send_discs(
         stream: where to.
         scene: whose discs.
         time_ns: times, ns, (D,).
-        near: how close the ego is then, see ``closeness``, (D, C-1).
-        before: how close it was before, (C-1,).
+        shades: their colours then, see :func:`~mjmerge.record.contacts.shade`, (D, C-1).
+        before: what they were before, (C-1,).
         timeline: of the times.
+        entity: where a frame's is.
     """
     for frame in scene.frames:
         j = frame.neighbour
         if j is None:
             continue
-        changes = np.flatnonzero(np.diff(near[:, j], prepend=before[j]))
+        changes = np.flatnonzero(np.diff(shades[:, j], prepend=before[j]))
         if len(changes):
-            colors: Any = _CYLINDER_COLOR.fill(_rgba32(DISC_RGBA[near[changes, j]])[:, None])
+            colors: Any = _CYLINDER_COLOR.fill(_DISC_RGBA32[shades[changes, j]][:, None])
             stream.send_columns(
-                f"{layout.entity(frame.name)}/cylinder", times_of(time_ns[changes], timeline), colors
+                f"{entity(frame.name)}/cylinder", times_of(time_ns[changes], timeline), colors
             )
 
 
@@ -143,29 +147,6 @@ def send_arrows(
         stream.send_columns(_arrow_entity(name), times, told)
 
 
-def send_states(
-    stream: rr.RecordingStream, changes: Sequence[tuple[int, str, str]], timeline: str = layout.SIM_TIME
-) -> None:
-    """Sends changes of state: time in ns, subject, state."""
-    for subject in dict.fromkeys((*phases.NAMES, *(about for _, about, _ in changes))):
-        mine = [(at, state) for at, about, state in changes if about == subject]
-        if mine:
-            at = np.array([at for at, _ in mine], np.int64)
-            states = rr.StateChange.columns(state=["" if s == phases.ENDED else s for _, s in mine])
-            stream.send_columns(layout.phase_entity(subject), times_of(at, timeline), states)
-
-
-def still_states(scenario: Scenario) -> Still:
-    """How states are called and coloured."""
-    return [
-        (
-            layout.phase_entity(subject),
-            rr.StateConfiguration(values=list(names), colors=layout.state_colors(subject)),
-        )
-        for subject, names in phases.names(scenario.law, ends=scenario.road.ends_m is not None).items()
-    ]
-
-
 def still_arrows(scene: Scene) -> Still:
     """How the parts of the ego's command look."""
     return [
@@ -183,18 +164,6 @@ def still_arrows(scene: Scene) -> Still:
     ]
 
 
-def times_of(time_ns: NDArray[np.int64], timeline: str = layout.SIM_TIME) -> list[rr.TimeColumn]:
-    """Times, ns, (B,), as Rerun wants them."""
-    return [rr.TimeColumn(timeline, duration=time_ns.astype("timedelta64[ns]"))]
-
-
-def _rgba32(rgba: Array) -> NDArray[np.uint32]:
-    """Colours (N, 4), 0 to 1, as Rerun packs them, (N,)."""
-    parts = np.round(255 * rgba).astype(np.uint32)
-    packed: NDArray[np.uint32] = parts @ np.array([2**24, 2**16, 2**8, 1], np.uint32)
-    return packed
-
-
 def still_life(header: Header, scene: Scene) -> Still:
     """All that never changes: texts, what is drawn in its frame, names and colours."""
     r_m = scene.r_m
@@ -204,21 +173,16 @@ def still_life(header: Header, scene: Scene) -> Still:
     colors = [scene.paint[car] for car in scene.cars]
     still.append(("/world/trails", rr.LineStrips3D.from_fields(colors=colors, radii=[_TRAIL_R * r_m])))
     levels = still_levels(plots.everything(header.scenario, scene.paint, header.plant))
-    return [*still, *still_arrows(scene), *still_states(header.scenario), *levels]
+    scenario = header.scenario
+    contact = still_contact(scenario.roster) if header.plant in BODIES else []
+    return [*still, *still_arrows(scene), *still_states(scenario), *contact, *levels]
 
 
-def still_frames(scene: Scene, entity: Callable[[str], str], colored: bool = False) -> Still:
-    """What is fixed to the frames of a scene, and the road.
-
-    Args:
-        scene: the scene.
-        entity: where a frame's is.
-        colored: whether the discs are, too, once and for all.
-    """
+def still_frames(scene: Scene, entity: Callable[[str], str]) -> Still:
+    """What is fixed to the frames of a scene, and the road; ``entity`` is where a frame's is."""
     still = still_shapes(entity("road/"), scene.fixed)
     for frame in scene.frames:
-        changes = frame.neighbour is not None and not colored
-        still += still_shapes(entity(frame.name), frame.shapes, colored=not changes)
+        still += still_shapes(entity(frame.name), frame.shapes, colored=frame.neighbour is None)
         if frame.label:
             at = [(0.0, 0.0, scene.label_m)]
             label = rr.Points3D(at, labels=[frame.label], radii=0, colors=[(240, 240, 240)])

@@ -23,6 +23,7 @@ SIM_TIME, MCAP_TIME = "sim_time", "message_log_time"
 _TRAIL_S = 4.0
 _DECISION_COLORS = [[110, 110, 120], [90, 130, 220], [80, 190, 120]]
 _STATE_COLORS = [[60, 110, 75], [235, 140, 50], [220, 50, 50]]
+_NO_CONTACT, _CONTACT = [60, 110, 75], [220, 50, 50]
 _BACKGROUND = [24, 26, 30]
 
 
@@ -35,9 +36,34 @@ def entity(frame: str) -> str:
     return rr.new_entity_path(["world", group, rest or "base"])
 
 
-def phase_entity(subject: str) -> str:
-    """Entity of what changes its state: ``/hypotheses/...`` for those, ``/phases/...`` otherwise."""
-    return f"/{'phases' if subject in WATCHED | ROAD else 'hypotheses'}/{subject.replace(' ', '_')}"
+def phase_entity(subject: str, side: str = "") -> str:
+    """Entity of what changes its state: ``/hypotheses/...`` for those, ``/phases/...`` otherwise.
+
+    Args:
+        subject: what does.
+        side: which run it is of, where there are several.
+    """
+    group = "phases" if subject in WATCHED | ROAD else "hypotheses"
+    return _of_side(f"/{group}/{subject.replace(' ', '_')}", side)
+
+
+def contact_entity(side: str = "") -> str:
+    """Entity of who has touched whom."""
+    return _of_side("/contact", side)
+
+
+def events_entity(side: str = "") -> str:
+    """Entity of what happened."""
+    return _of_side("/events", side)
+
+
+def mark_entity(number: int, side: str = "") -> str:
+    """Entity of the mark where bodies touched."""
+    return _of_side(f"/world/contact_{number}", side)
+
+
+def _of_side(entity: str, side: str) -> str:
+    return f"{entity}/{plots.entity(side)}" if side else entity
 
 
 def own_hypothesis(entity: str) -> str | None:
@@ -50,6 +76,11 @@ def state_colors(subject: str) -> list[list[int]]:
     """Of the states of a subject, from the calmest on."""
     colors = _DECISION_COLORS if subject == "decision" else _STATE_COLORS
     return colors[: len(NAMES.get(subject, CONTRACT))]
+
+
+def contact_colors(count: int) -> list[list[int]]:
+    """Of so many states of contact, the first of which is none."""
+    return [_NO_CONTACT, *[_CONTACT] * (count - 1)]
 
 
 def blueprint(
@@ -69,6 +100,7 @@ def blueprint(
         timeline: ``SIM_TIME``, or ``MCAP_TIME`` for what Rerun has read itself.
         live: whether the time is that of the newest data.
     """
+    over_s = None if live else scenario.duration_s
     return columns(
         rrb.Vertical(
             rrb.Tabs(*(world_view(n, scenario) for n in ("Chase", "3D")), active_tab=0),
@@ -76,8 +108,8 @@ def blueprint(
             row_shares=[3, 2],
         ),
         rrb.Vertical(
-            *(plot_view(p) for p in plots.main(scenario, paint, plant)),
-            rrb.Tabs(*(plot_view(p) for p in plots.actuation(scenario, paint, plant)), active_tab=0),
+            *(plot_view(p, over_s) for p in plots.main(scenario, paint, plant)),
+            rrb.Tabs(*(plot_view(p, over_s) for p in plots.actuation(scenario, paint, plant)), active_tab=0),
         ),
         rrb.Vertical(
             rrb.Tabs(
@@ -85,20 +117,38 @@ def blueprint(
                 rrb.TextLogView(name="Events", origin="/events" if timeline == SIM_TIME else "/log"),
                 rrb.TextDocumentView(name="Scenario", origin="/run/scenario"),
             ),
-            rrb.StateTimelineView(name="Phases", origin="/phases"),
-            rrb.StateTimelineView(name="Contract: the theorem's hypotheses", origin="/hypotheses"),
-            row_shares=[12, 5, 9],
+            *state_views(over_s),
+            row_shares=[11, 6, 9],
         ),
         timeline=timeline,
         live=live,
     )
 
 
+def state_views(duration_s: float | None = None) -> tuple[rrb.View, rrb.View]:
+    """Phases, with who has touched whom; and hypotheses; over all of a run of known length."""
+    phases, over = ["/contact/**", "/phases/**"], _whole(duration_s)
+    return (
+        rrb.StateTimelineView(name="Phases", origin="/", contents=phases, time_view=over),
+        rrb.StateTimelineView(
+            name="Contract: the theorem's hypotheses", origin="/hypotheses", time_view=over
+        ),
+    )
+
+
+def _whole(duration_s: float | None) -> rrb.TimeAxis | None:
+    """A time axis from the start to the end of a run; ``None`` for one that goes along with the time."""
+    if duration_s is None:
+        return None
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=at) for at in (0.0, duration_s))
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start, end))
+
+
 def columns(*parts: rrb.Container, timeline: str = SIM_TIME, live: bool = False) -> rrb.Blueprint:
     """A layout of columns: what is drawn, what is plotted, what is said."""
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[4, 3, 3][: len(parts)]),
-        rrb.TimePanel(timeline=timeline, state="collapsed", play_state="following" if live else None),
+        rrb.TimePanel(timeline=timeline, state="collapsed", play_state="following" if live else "playing"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_views=False,
@@ -135,8 +185,8 @@ def world_view(name: str, scenario: Scenario, camera: str = "camera/ego") -> rrb
     )
 
 
-def plot_view(plot: Plot) -> rrb.TimeSeriesView:
-    """A plot of fields of our messages."""
+def plot_view(plot: Plot, duration_s: float | None = None) -> rrb.TimeSeriesView:
+    """A plot of fields of our messages, over all of a run where it is known how long it is."""
     overrides: dict[Any, Any] = {}
     for line in plot.lines:
         overrides.setdefault(line.topic, []).append(_visualizer(line))
@@ -145,6 +195,7 @@ def plot_view(plot: Plot) -> rrb.TimeSeriesView:
         origin="/",
         contents=[*overrides, *plots.levels([plot])],
         overrides=overrides,
+        axis_x=_whole(duration_s),
         plot_legend=rrb.Corner2D.RightTop,
     )
 

@@ -18,7 +18,8 @@ import time
 from typing import IO, Any
 
 from mjmerge.errors import MjmergeError
-from mjmerge.record.recording import Header, Outcome, pose
+from mjmerge.record.posed import Posing
+from mjmerge.record.recording import Header, Outcome
 from mjmerge.record.rerun import viewer
 from mjmerge.record.rerun.viewer import HOST
 from mjmerge.record.scene import Scene
@@ -129,7 +130,8 @@ def _show(source: IO[bytes], port: int) -> None:
     from mjmerge.record.rerun.stream import new_stream
 
     header: Header = pickle.load(source)
-    scene, wire = Scene(header.model, header.scenario.r_m), header.wire
+    scene = Scene(header.model, header.scenario.r_m)
+    posing = Posing(header, scene)
     stream = new_stream(APPLICATION)
     blueprint = layout.blueprint(header.scenario, scene.paint, header.plant, live=True)
     stream.connect_grpc(f"rerun+http://{HOST}:{port}/proxy", default_blueprint=blueprint)
@@ -142,7 +144,7 @@ def _show(source: IO[bytes], port: int) -> None:
         if isinstance(what, Outcome):
             teller.end(what)
         else:
-            posed = pose(what, scene, wire, header.control_step_s)
+            posed = posing.block(what)
             teller.numbers(posed)
             teller.draw(posed)
         teller.flush(_FLUSH_S)

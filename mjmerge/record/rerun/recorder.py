@@ -19,34 +19,40 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from mjmerge.config.acts import BODIES
 from mjmerge.errors import OutputError, RecordingError
 from mjmerge.outputs import WHOLE
 from mjmerge.record import plots, report
 from mjmerge.record.manifest import CONVENTIONS, SCHEMA_VERSION, manifest
-from mjmerge.record.recording import Header, Outcome, PosedBlock, join
+from mjmerge.record.posed import PosedBlock, join
+from mjmerge.record.recording import Header, Outcome
 from mjmerge.record.rerun import layout
 from mjmerge.record.rerun.draw import (
-    Still,
     send_arrows,
     send_discs,
     send_frames,
     send_levels,
     send_numbers,
-    send_states,
     send_trails,
     still_life,
+)
+from mjmerge.record.rerun.happened import (
+    Still,
+    send_events,
+    send_marks,
+    send_no_contact,
+    send_states,
+    states_of,
     times_of,
 )
 from mjmerge.record.rerun.stream import new_stream, save, send_layout
-from mjmerge.record.scene import Scene, closeness
+from mjmerge.record.scene import Scene
 from mjmerge.simulation.log import BLOCK_S
-from mjmerge.state import Array, nanoseconds
-from mjmerge.verdict.metrics import Event
+from mjmerge.state import Array
 from mjmerge.versions import git_revision
 
 APPLICATION = "mjmerge_run"
 """Of the layout: an open viewer keeps the first layout it saw under a name."""
-_LEVELS = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _PATIENCE_S = 30.0
 """For writing to disk; without a limit, a write that failed would be waited for for ever."""
 _HEADER_BYTES, _MESSAGE, _END = 12, struct.Struct("<QQ"), 0
@@ -169,7 +175,7 @@ class Teller:
         rr.set_strict_mode(True)  # otherwise data that does not fit is dropped with a warning
         self._stream, self._header, self._scene = stream, header, scene
         self._last_m: Array | None = None
-        self._near = np.full(len(header.scenario.roster.neighbours), -1)
+        self._shades = np.full(len(header.scenario.roster.neighbours), -1)
         self._plots = plots.everything(header.scenario, scene.paint, header.plant)
         self._describe()
         for entity, what in still:
@@ -178,8 +184,7 @@ class Teller:
     def _describe(self) -> None:
         """Says where the run comes from."""
         h = self._header
-        name = f"{h.scenario.name} · {h.plant} · seed {h.seed}"
-        self._stream.send_recording_name(name)
+        self._stream.send_recording_name("; ".join(h.ran))
         about: dict[str, Any] = {
             "schema_version": SCHEMA_VERSION,
             "scenario": h.scenario.name,
@@ -201,14 +206,16 @@ class Teller:
     def draw(self, posed: PosedBlock) -> None:
         """Adds what is drawn of consecutive ticks, and what plots are read against."""
         send_levels(self._stream, self._plots, posed.time_ns[[0, -1]])
+        if posed.block.ticks[0] == 0 and self._header.plant in BODIES:
+            send_no_contact(self._stream, 0)
+        send_marks(self._stream, self._scene, posed.marks)
         if not len(posed.drawn):
             return
         times = times_of(posed.time_ns[posed.drawn])
         columns = {name: values[posed.drawn] for name, values in posed.block.columns.items()}
         send_frames(self._stream, self._scene, posed, layout.entity)
-        near = closeness(columns["distance_m"], self._scene.r_m)
-        send_discs(self._stream, self._scene, posed.time_ns[posed.drawn], near, self._near)
-        self._near = near[-1]
+        send_discs(self._stream, self._scene, posed.time_ns[posed.drawn], posed.shades, self._shades)
+        self._shades = posed.shades[-1]
         front_m = columns["front_m"]
         last_m = front_m[:1] if self._last_m is None else self._last_m
         send_trails(self._stream, self._scene, times, front_m, last_m)
@@ -217,15 +224,8 @@ class Teller:
 
     def end(self, outcome: Outcome) -> None:
         """Adds the events, the phases, the verdict and the summary."""
-        events = outcome.events or [Event(0.0, "info", "", "nothing to report")]  # the view wants an entity
-        at = nanoseconds([e.time_s for e in events])
-        rows = rr.TextLog.columns(
-            text=[f"{e.car}: {e.text}" if e.car else e.text for e in events],
-            level=[_LEVELS[e.level] for e in events],
-        )
-        self._stream.send_columns("/events", times_of(at), rows)
-        said = [(int(nanoseconds(p.time_s)), p.subject, p.state) for p in outcome.phases]
-        send_states(self._stream, said)
+        send_events(self._stream, outcome)
+        send_states(self._stream, states_of(outcome))
         about: dict[str, Any] = {
             "verdict": outcome.verdict,
             "summary": json.dumps(outcome.summary),

@@ -1,12 +1,13 @@
 """``compare.rrd``: several runs in one scene and in the same plots.
 
-The last one is solid, the others are its ghosts. ``/<label>/law`` and ``/<label>/car/<car>`` hold the
-messages of each, ``/world/<label>/...`` what is drawn of it, ``/run/report`` the table.
+The last one is solid, the others are its ghosts, with hollow discs. ``/<label>/law`` and
+``/<label>/car/<car>`` hold the messages of each, ``/world/<label>/...`` what is drawn of it,
+``/phases/.../<label>`` and the like its states, ``/events/<label>`` its events, ``/run/report`` the table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,30 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mjmerge.config.acts import EVERY
+from mjmerge.config.acts import BODIES, EVERY
 from mjmerge.errors import OutputError, RecordingError
-from mjmerge.record import plots
+from mjmerge.record import plots, report
 from mjmerge.record.plots import Color, Line, Plot
-from mjmerge.record.recording import Header, Outcome, PosedBlock
+from mjmerge.record.posed import PosedBlock
+from mjmerge.record.recording import Header, Outcome
 from mjmerge.record.rerun import layout
-from mjmerge.record.rerun.draw import send_frames, send_levels, send_numbers, still_frames, still_levels
+from mjmerge.record.rerun.draw import (
+    send_discs,
+    send_frames,
+    send_levels,
+    send_numbers,
+    still_frames,
+    still_levels,
+)
+from mjmerge.record.rerun.happened import (
+    send_events,
+    send_marks,
+    send_no_contact,
+    send_states,
+    states_of,
+    still_contact,
+    still_states,
+)
 from mjmerge.record.rerun.recorder import CHUNK_TICKS
 from mjmerge.record.rerun.stream import new_stream, save
 from mjmerge.record.scene import TARGET, Scene
@@ -100,9 +118,9 @@ def write_comparison(path: Path, sides: Sequence[ShownSide]) -> None:
     rr.set_strict_mode(True)
     stream = new_stream(APPLICATION)
     save(stream, partial_path, _blueprint(told))
-    stream.send_recording_name(" · ".join(side.label for side in sides))
-    report = rr.TextDocument(_report(sides), media_type=rr.MediaType.MARKDOWN)
-    stream.log("/run/report", report, static=True)
+    stream.send_recording_name(_title(sides))
+    table = rr.TextDocument(_report(sides), media_type=rr.MediaType.MARKDOWN)
+    stream.log("/run/report", table, static=True)
     stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for one in told:
         _tell(stream, one)
@@ -130,9 +148,26 @@ def _tell(stream: rr.RecordingStream, told: _Told) -> None:
         drawn = scene.showing(scene.fixed, frames)
     else:
         drawn = scene.showing((), [f.faded(_GHOST_ALPHA) for f in scene.frames])
-    for entity, what in still_frames(drawn, told.entity, colored=True):
+    scenario, side = told.side.header.scenario, told.side.label
+    still = [*still_frames(drawn, told.entity), *still_states(scenario, side)]
+    has_bodies = told.side.header.plant in BODIES
+    still += still_contact(scenario.roster, side) if has_bodies else []
+    for entity, what in still:
         stream.log(entity, what, static=True)
+    if not told.solid:
+        for frame in scene.frames:
+            if frame.neighbour is not None:
+                hollow = rr.Cylinders3D.from_fields(fill_mode="majorwireframe")
+                stream.log(f"{told.entity(frame.name)}/cylinder", hollow, static=True)
     send_frames(stream, scene, posed, told.entity)
+    before = np.full(posed.shades.shape[1], -1)
+    send_discs(stream, scene, posed.time_ns[posed.drawn], posed.shades, before, entity=told.entity)
+    if has_bodies:
+        send_no_contact(stream, int(posed.time_ns[0]), side=side)
+    send_marks(stream, scene, posed.marks, side=side)
+    if told.side.outcome is not None:
+        send_states(stream, states_of(told.side.outcome), side=side)
+        send_events(stream, told.side.outcome, side=side)
     for start in range(0, len(posed.time_ns), CHUNK_TICKS):
         part = slice(start, start + CHUNK_TICKS)
         block = replace(
@@ -163,7 +198,9 @@ def _line(told: _Told, line: Line) -> Line:
 def _blueprint(told: Sequence[_Told]) -> rrb.Blueprint:
     solid = told[-1]
     scenario, camera = solid.side.header.scenario, f"{solid.name}/camera/ego"
-    distance, clearance, opinion, *busy = (layout.plot_view(p) for p in _plots(told))
+    over_s = max(one.side.header.scenario.duration_s for one in told)
+    distance, clearance, opinion, *busy = (layout.plot_view(p, over_s) for p in _plots(told))
+    finished = any(one.side.outcome is not None for one in told)
     return layout.columns(
         rrb.Vertical(
             rrb.Tabs(*(layout.world_view(n, scenario, camera) for n in ("Chase", "3D")), active_tab=0),
@@ -171,7 +208,14 @@ def _blueprint(told: Sequence[_Told]) -> rrb.Blueprint:
             row_shares=[3, 2],
         ),
         rrb.Vertical(distance, opinion, rrb.Tabs(clearance, *busy, active_tab=0)),
-        rrb.Vertical(rrb.TextDocumentView(name="Report", origin="/run/report")),
+        rrb.Vertical(
+            rrb.Tabs(
+                rrb.TextDocumentView(name="Report", origin="/run/report"),
+                *([rrb.TextLogView(name="Events", origin="/events")] if finished else []),
+            ),
+            *layout.state_views(over_s),
+            row_shares=[11, 8, 7],
+        ),
     )
 
 
@@ -182,6 +226,7 @@ def _report(sides: Sequence[ShownSide]) -> str:
         ("scenario", [side.header.scenario.name for side in sides]),
         ("plant", [side.header.plant for side in sides]),
         ("seed", [str(side.header.seed) for side in sides]),
+        *_given(sides),
         ("verdict", [side.outcome.verdict if side.outcome else "did not finish" for side in sides]),
     ]
     fewest = min((side.header.scenario.roster for side in sides), key=lambda there: len(there.cars))
@@ -196,8 +241,24 @@ def _report(sides: Sequence[ShownSide]) -> str:
         rows.append((name, [_number(found.get(key), unit) for found in summaries]))
     head = ["| | " + " | ".join(side.label for side in sides) + " |", "|---|" + "---|" * len(sides)]
     body = [f"| {name} | " + " | ".join(words) + " |" for name, words in rows]
-    note = f"*{sides[-1].label}* is solid; the others are ghosts, and their lines are greyish."
-    return "\n".join(["### " + " and ".join(side.label for side in sides), "", note, "", *head, *body])
+    note = f"*{sides[-1].label}* is solid; the others are ghosts, with hollow discs and greyish lines."
+    return "\n".join([f"### {_title(sides)}", "", note, "", *head, *body])
+
+
+def _title(sides: Sequence[ShownSide]) -> str:
+    """What is beside what: the scenario once, where there is one."""
+    names = {side.header.scenario.name for side in sides}
+    labels = " and ".join(side.label for side in sides)
+    (name, *more) = names
+    return labels if more or name in labels else f"{name}: {labels}"
+
+
+def _given(sides: Sequence[ShownSide]) -> Iterator[tuple[str, list[str]]]:
+    """Mismatch and settings of each, where one has any."""
+    said = [dict(line.split(": ", 1) for line in side.header.ran[1:]) for side in sides]
+    for name in ("mismatch", "set"):
+        if any(name in one for one in said):
+            yield name, [report.cell(one.get(name, "-")) for one in said]
 
 
 def _number(value: Any, unit: str) -> str:
