@@ -1,7 +1,7 @@
 """Simulated time beside highway-env's: ``python tests/benchmarks/highway.py [SECONDS [REPEATS]]``, no test.
 
 Needs ``pip install highway-env==1.12.1``, best in a virtual environment of its own. Its merge-v0 is rolled
-out on two processes, without rendering: five cars as rectangles on a kinematic bicycle, at its own 15 Hz. With
+out on two processes, without rendering: five cars, rectangles on a kinematic bicycle, at its own 15 Hz. With
 a decision once a second, as it comes, the ego idles, or acts at random; with one at every step it idles.
 
 Beside it stands the sweep of ``sweep.py`` (256 runs of three cars on MuJoCo, each with another mismatch, in
