@@ -1,11 +1,12 @@
 """Simulated time beside highway-env's: ``python tests/benchmarks/highway.py [SECONDS [REPEATS]]``, no test.
 
 Needs ``pip install highway-env==1.12.1``, best in a virtual environment of its own. Its merge-v0 is rolled
-out on two processes, without rendering, by an ego that idles and by one that acts at random: five cars as
-rectangles on a kinematic bicycle, at its own 15 Hz, with a decision once a second. Beside it stands the sweep
-of ``sweep.py`` (256 runs of three cars on MuJoCo, each with another mismatch, in steps of 1 ms and a decision
-every 10 ms, with verdicts, rows and files), on two processes as well, with and without larger steps first.
-With them it is to reach twice the simulated seconds per second.
+out on two processes, without rendering: five cars, rectangles on a kinematic bicycle, at its own 15 Hz. With
+a decision once a second, as it comes, the ego idles, or acts at random; with one at every step it idles.
+
+Beside it stands the sweep of ``sweep.py`` (256 runs of three cars on MuJoCo, each with another mismatch, in
+steps of 1 ms and a decision every 10 ms, with verdicts, rows and files), on two processes as well, with and
+without larger steps first. With them it is to reach twice the simulated seconds per second.
 
 Starting processes and importing counts for the sweep, and not for highway-env.
 """
@@ -15,6 +16,7 @@ from __future__ import annotations
 import statistics
 import time
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import get_context
 
@@ -27,17 +29,19 @@ from mjmerge.sweep.plan import Plan
 
 IDLE = 1
 """Its action that changes nothing."""
-ROLLED_S = 600.0
+EGOS = {"idle": (True, 1), "at random": (False, 1), "idle, decisions at 15 Hz": (True, 15)}
+"""Whether it idles, and its decisions per second."""
+ROLLED_S = 300.0
 """Simulated time of each process, s."""
 
 
-def rolled(idle: bool, seed: int, least_s: float) -> tuple[float, float, float]:
+def rolled(idle: bool, decisions_hz: int, seed: int, least_s: float) -> tuple[float, float, float]:
     """Simulated, wall and processor time of one process, s."""
     import gymnasium
     import highway_env  # noqa: F401  # which makes its environments known
 
     gymnasium.logger.min_level = gymnasium.logger.ERROR  # that there is a merge-v1 is known
-    env = gymnasium.make("merge-v0", disable_env_checker=True)
+    env = gymnasium.make("merge-v0", disable_env_checker=True, config={"policy_frequency": decisions_hz})
     env.action_space.seed(seed)
     env.reset(seed=seed)
     simulated_s, wall_s, processor_s = 0.0, -time.perf_counter(), -time.process_time()
@@ -57,9 +61,11 @@ def swept_rates(planned: Plan) -> tuple[float, float]:
     return RUNS * DURATION_S / wall_s, RUNS * DURATION_S / processor_s
 
 
-def rolled_rates(pool: ProcessPoolExecutor, idle: bool, least_s: float = ROLLED_S) -> tuple[float, float]:
+def rolled_rates(
+    pool: ProcessPoolExecutor, idle: bool, decisions_hz: int, least_s: float = ROLLED_S
+) -> tuple[float, float]:
     """The same of merge-v0, on all processes at once."""
-    each = [*pool.map(rolled, [idle] * PROCESSES, range(PROCESSES), [least_s] * PROCESSES)]
+    each = [*pool.map(partial(rolled, idle, decisions_hz), range(PROCESSES), [least_s] * PROCESSES)]
     simulated_s, _, processor_s = (sum(column) for column in zip(*each, strict=True))
     return sum(simulated / wall for simulated, wall, _ in each), simulated_s / processor_s
 
@@ -74,12 +80,12 @@ def main() -> None:
     plain, larger = campaign(), campaign({"step_s": 0.002, "within_r": 0.02})
     found: dict[str, list[tuple[float, float]]] = {}
     with ProcessPoolExecutor(PROCESSES, get_context("spawn")) as pool:
-        rolled_rates(pool, True, 20.0)  # which imports
+        rolled_rates(pool, True, 1, 20.0)  # which imports
         for _ in range(REPEATS):
             found.setdefault("sweep", []).append(swept_rates(plain))
             found.setdefault("sweep, larger steps first", []).append(swept_rates(larger))
-            found.setdefault(f"{other}, idle", []).append(rolled_rates(pool, True))
-            found.setdefault(f"{other}, at random", []).append(rolled_rates(pool, False))
+            for how, (idle, hz) in EGOS.items():
+                found.setdefault(f"{other}, {how}", []).append(rolled_rates(pool, idle, hz))
     table = Table("on two processes", "simulated s per s", "min", "max", "per s of a processor")
     for name, rates in found.items():
         walls, processors = zip(*rates, strict=True)

@@ -253,7 +253,8 @@ def test_stopped_while_the_cluster_starts_it_waits_for_that_and_nothing_stays(pl
     assert not [*Path("tmp").iterdir()]
 
 
-def test_a_law_of_ones_own_travels_along_and_standard_output_is_one_object(place):
+def test_a_law_of_ones_own_travels_along_and_standard_output_is_one_object(place, monkeypatch):
+    monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")  # of another cluster, which nobody asked for
     Path("mine.py").write_text("def still(seen, memory, dt, *, guarded=True):\n    return 0 * seen.p\n")
     block = BLOCK | {"laws": [{"kind": "mine.py:still"}], "plants": ["bicycle"], "seeds": 1}
     block["grid"] = {"mismatch.command_delay_s": [0, 0.1]}
