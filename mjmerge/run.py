@@ -271,7 +271,8 @@ def selected(
     worst = worst_run(trace)
     least = np.nan_to_num(trace.min_distance_m.min(axis=1), nan=-np.inf)
     order = np.argsort(least, kind="stable")
-    found = {"run": worst, "median": int(order[(len(order) - 1) // 2])}
+    median = int(order[(len(order) - 1) // 2])
+    found = {"run": worst} | ({} if median == worst else {"median": median})  # of two it is the worst
     violations = [
         int(i)
         for i in order

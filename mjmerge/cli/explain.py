@@ -71,7 +71,8 @@ class Explain:
         worst = f", the worst of {run.runs}" if run.runs > 1 and seed == run.seed else ""
         console.print(f"{bold(found.scenario.name)} on {plant}{time_}, seed {seed}{worst}", soft_wrap=True)
         for line in ran(found.scenario, plant)[1:]:
-            console.print(f"  {line}", markup=False, soft_wrap=True)
+            if line.startswith("set: "):  # what its mismatch does is said below
+                console.print(line, markup=False, soft_wrap=True)
         show(console, found)
         return int(found.unsafe)
 

@@ -173,7 +173,10 @@ def _physical(found: Recorded, trace: Trace) -> Check:
         + 2 * abs(mismatch.side_wind_n) / mass_kg
         + _SPARE_MPS2
     )
-    _bounded(wrong, "velocity_mps", norm(change), h * most + kick, time_s)
+    wheelbase_m = np.array([sheet.wheelbase_m for sheet in scenario.sheets or ()])
+    turned = np.abs(np.angle(np.exp(1j * (heading[rows + 1] - heading[rows]))))
+    spins_mps2 = wheelbase_m * (turned / h) ** 2  # of an axle around the middle of a car that spins
+    _bounded(wrong, "velocity_mps", norm(change), h * (most + spins_mps2) + kick, time_s)
 
     # MuJoCo moves positions by the velocity at the end of each of its steps
     off = p[rows + 1] - p[rows] - h / 2 * (v[rows] + v[rows + 1]) - dt / 2 * change
@@ -191,8 +194,6 @@ def _physical(found: Recorded, trace: Trace) -> Check:
     every_s = found.ticks * h
     _bounded(wrong, "speed_mps", np.abs(along - speed), spare, every_s)
 
-    wheelbase_m = np.array([sheet.wheelbase_m for sheet in scenario.sheets or ()])
-    turned = np.abs(np.angle(np.exp(1j * (heading[rows + 1] - heading[rows]))))
     turning = h * (np.abs(across[rows]) + np.abs(across[rows + 1])) / 2 / wheelbase_m
     fast = norm(v[rows])
     loose = (norm(change) > _GRIPS * min(frictions) * G_MPS2 * h) | (hit > 0)

@@ -6,6 +6,9 @@ from mjmerge.law import is_paper
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
 
+_ELSEWHERE = ("mismatch", "search", "gate")
+"""Sections that are told in a line of their own, or are no part of a run."""
+
 
 def ran(
     scenario: Scenario,
@@ -32,15 +35,15 @@ def ran(
     off = [f"{k} {_short(v)}" for k, v in mismatch or scenario.mismatch if v != getattr(known, k)]
     if off:
         lines.append(f"mismatch: {', '.join(off)}")
-    others = [said for said in scenario.changes if not said.startswith("mismatch.")]
+    others = [said for said in scenario.changes if said.partition("=")[0].split(".")[0] not in _ELSEWHERE]
     if others:
         lines.append(f"set: {', '.join(others)}")
     return lines
 
 
-def beneath(scenario: Scenario, plant: str) -> list[str]:
+def beneath(scenario: Scenario, plant: str, mismatch: Mismatch | None = None) -> list[str]:
     """Mismatch and settings as Markdown, to stand below a title; nothing where there are none."""
-    said = "; ".join(ran(scenario, plant)[1:])
+    said = "; ".join(ran(scenario, plant, mismatch=mismatch)[1:])
     return [f"**{said}**", ""] if said else []
 
 

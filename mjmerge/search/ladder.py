@@ -216,11 +216,11 @@ def _held_back(ladder: Ladder, rung: Rung) -> list[str]:
 
 def markdown(ladder: Ladder) -> str:
     """The ladder as a table, with the command of every rung."""
-    each = _each(ladder)
+    each, last = _each(ladder), ladder.rungs[-1].case
     lines = [
         f"# The ladder of {ladder.scenario.name}",
         "",
-        *beneath(ladder.scenario, ladder.rungs[-1].case.batch.plant),
+        *beneath(ladder.scenario, last.batch.plant, last.mismatch),
         delay_line(ladder),
         "",
         f"| rung | adds | {' | '.join(f'min d_{j} (m)' for j, _ in enumerate(each, 1))} | least (m) "

@@ -108,6 +108,12 @@ def test_what_a_run_left_is_right(which, request):
     assert names[-1] == "not derived"
 
 
+def test_of_two_runs_the_median_is_the_worst_and_is_not_recorded_twice(tmp_path):
+    run(load("charge", [SHORT]), "double_integrator", runs=2, folder=tmp_path)
+    assert not (tmp_path / "median.rrd").exists()
+    assert wrong(tmp_path) == {}
+
+
 @pytest.fixture(scope="module")
 def verified(one: Path, many: Path) -> dict[str, Verified]:
     return {"one": verify(one / "run.mcap"), "many": verify(many / "run.mcap")}

@@ -119,6 +119,14 @@ def test_shipped_scenarios_are_recorded_rightly(tmp_path: Path, long: bool) -> N
         assert all(verify(folder / f"run.{kind}").right for kind in kinds), name
 
 
+def test_a_car_that_spins_on_ice_moves_as_a_car_can(tmp_path: Path) -> None:
+    run(load("charge", ["mismatch.friction=0.2"]), "mujoco", folder=tmp_path)
+    found = verify(tmp_path / "run.mcap")
+    spins_radps = np.diff(found.recorded.columns["heading_rad"][:, 2]) / found.recorded.step_s
+    assert np.abs(spins_radps).max() > 5
+    assert found.right, found.checks
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_worst_of_many_runs_is_right_too(tmp_path: Path, kind: str) -> None:
     run(load("flips", ["duration_s=0.5"]), "double_integrator", runs=3, folder=tmp_path)

@@ -73,7 +73,9 @@ def test_what_passes_again_beyond_the_first_break_is_reported(world):
     assert found.fails.value == pytest.approx(0.2677, abs=2e-3)
     assert found.again
     assert all(t.value > 0.66 for t in found.again)
-    assert "passes again" in breaking_report.markdown([found], "x", "unsafe")
+    report = breaking_report.markdown([found], "x\nmismatch: friction 0.5\nset: law.k_o=0.4", "unsafe")
+    assert "passes again" in report
+    assert report.startswith("# Breaking points of x\n\n**mismatch: friction 0.5; set: law.k_o=0.4**\n")
 
 
 def test_nothing_breaks_everything_breaks(world):

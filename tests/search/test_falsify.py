@@ -13,6 +13,7 @@ from mjmerge.cli import main
 from mjmerge.cli.findings import cleared, record
 from mjmerge.errors import MjmergeError, ScenarioError
 from mjmerge.scenario.load import dump
+from mjmerge.scenario.ran import beneath
 from mjmerge.search import methods
 from mjmerge.search.against import Against
 from mjmerge.search.falsify import Look, Search, search
@@ -91,7 +92,10 @@ def test_it_is_had_again_from_its_yaml_which_the_gate_takes(found, findings, tmp
     (row,) = scenario.gate
     assert (row.plant, row.seed, row.at_least_m) == ("bicycle", 0, 0.1)
     assert one.sentence in (place / "finding.md").read_text()
-    assert one.sentence in (tmp_path / "report.md").read_text()
+    report = (tmp_path / "report.md").read_text()
+    assert one.sentence in report
+    assert "\n".join(beneath(found.ground.scenario, "bicycle")) in report
+    assert beneath(found.ground.scenario, "bicycle")
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["failures"] == len(found.failures)
     assert results["findings"][0]["axes"].keys() == {"mismatch.command_delay_s"}

@@ -240,6 +240,7 @@ def test_the_command_says_whether_it_is_better(tmp_path, monkeypatch, capsys, fo
     assert {key: kept[key] for key in one if key != "out"} == {k: one[k] for k in one if k != "out"}
     report = (folder / "report.md").read_text()
     assert ("does not rise" in report) != better
+    assert report.splitlines()[2].startswith("**set: "), "below its title"
     assert (folder / "law.yaml").read_text() == section(found)
     with pytest.raises(SystemExit) as end:
         main(words)

@@ -8,7 +8,7 @@ import shlex
 import pytest
 
 from mjmerge.cli import main
-from mjmerge.search.ladder import FILES, RUNGS, climb
+from mjmerge.search.ladder import FILES, RUNGS, climb, markdown
 from mjmerge.sweep.workers import Workers
 
 KEYS = {"duration_s": 0.5, "initial.ego.front_m": [-1.2, 1.1]}
@@ -19,6 +19,9 @@ def test_every_rung_is_the_run_of_its_command_and_costs_add_up(capsys):
     assert tuple(rung.name for rung in ladder.rungs) == RUNGS
     assert ladder.delay_s == 0.02  # two control steps, because the scenario has none
     assert ladder.nominal
+    title, _, below = markdown(ladder).splitlines()[:3]
+    assert title == "# The ladder of charge"
+    assert below.startswith("**mismatch: friction 0.5, command_delay_s 0.02; set: ")
     for rung in ladder.rungs:
         with pytest.raises(SystemExit):
             main([*shlex.split(rung.command)[1:], "--no-record", "--json"])

@@ -112,6 +112,9 @@ def test_what_never_happens_has_an_upper_end_and_what_always_does_is_1(ground):
     assert 0.03 < never.interval[2] < 0.05
     assert failing_lines(never) == 0
     assert "None was seen" in markdown(never)
+    assert "**set: duration_s=5.2, control_step_s=0.04**" in markdown(never), (
+        "what was set stands below the title"
+    )
     always = probability(ground, Asked(5.0, LEAST_BUDGET), known=[0.2] * 100)
     assert always.interval[0] == always.interval[2] == 1.0
     assert 0.95 < always.interval[1] < 1.0
