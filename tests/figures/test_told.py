@@ -83,6 +83,15 @@ def test_which_gap_it_goes_for_is_told_below_and_hides_no_curve():
     assert names == ["ego", "vehicles 1 to 6", "vehicles 7, 8"], "curves that cover each other have one name"
 
 
+def test_of_many_choices_the_last_is_told(monkeypatch):
+    trace = mjmerge.simulate(mjmerge.load("platoon_8_small", SHORT), "double_integrator")
+    monkeypatch.setattr("mjmerge.figures.overview.chosen_anew", lambda trace, run: [*range(0, 60, 5)])
+    (told,) = overview(trace).get_supxlabel().splitlines()
+    assert told.startswith(
+        f"1  {trace.time_s[55]:.2f} s  the ego, for the last of 12 times, goes for the gap"
+    )
+
+
 @pytest.mark.parametrize("draw", [opinion, distances])
 def test_a_figure_of_the_paper_names_its_runs_and_has_no_legend(paper, draw):
     other = mjmerge.simulate(mjmerge.load("paper", ["duration_s=5", "law.k_o=0.5"]), "double_integrator")
