@@ -85,7 +85,7 @@ def test_which_gap_it_goes_for_is_told_below_and_hides_no_curve():
 
 def test_of_many_choices_the_last_is_told(monkeypatch):
     trace = mjmerge.simulate(mjmerge.load("platoon_8_small", SHORT), "double_integrator")
-    monkeypatch.setattr("mjmerge.figures.overview.chosen_anew", lambda trace, run: [*range(0, 60, 5)])
+    monkeypatch.setattr("mjmerge.figures.overview.chosen_anew", lambda *_: [*range(0, 60, 5)])
     (told,) = overview(trace).get_supxlabel().splitlines()
     assert told.startswith(
         f"1  {trace.time_s[55]:.2f} s  the ego, for the last of 12 times, goes for the gap"
