@@ -66,7 +66,7 @@ def breaking(scenario: str) -> Recipe:
     """The breaking points of a scenario along the axes of docs/mismatch.md."""
     axes = [word for axis in AXES for word in ("--break", f"mismatch.{axis}")]
     made = {f"mismatch/breaking_{scenario}.png": "breaking.png"}
-    return Recipe(4 if scenario == "charge" else 15, made, command("sweep", scenario, *axes))
+    return Recipe(3 if scenario == "charge" else 10, made, command("sweep", scenario, *axes))
 
 
 def ladder(scenario: str, *more: str) -> Recipe:
@@ -123,13 +123,13 @@ _PAPER = ("bifurcation", "opinion", "distances", "distances_no_barrier")
 _IDENTIFIED = ("cornering", "handling", "longitudinal", "steering", "front", "rear", "crossmodel")
 RECIPES = {
     "paper": Recipe(
-        1,
+        0.5,
         {f"figures/{n}{of}.png": f"{n}{of}.png" for n in _PAPER for of in ("", "_mujoco")}
         | {"figures/merge.gif": "merge.gif"},
         command("reproduce"),
     ),
     "cars": Recipe(
-        3,
+        1.5,
         {f"cars/{m}_{n}.png": f"cars/{m}_{n}.png" for m in ("rc", "sedan", "van") for n in _IDENTIFIED}
         | {"cars.md": "cars.md"},
         cars,
@@ -139,29 +139,29 @@ RECIPES = {
     "breaking_charge": breaking("charge"),
     "breaking_highway": breaking("highway"),
     "frontier_charge": Recipe(
-        2,
+        3,
         {"mismatch/frontier_charge.png": "breaking.png"},
         command("sweep", "charge", "--break", "mismatch.command_delay_s=0:0.25,mismatch.friction=1:0.4"),
     ),
     "league": Recipe(
-        10,
+        4,
         {f"laws/{n}.png": f"{n}.png" for n in ("margins_charge_mujoco", "margins_highway_mujoco")},
         command("sweep", "league"),
     ),
     "falsify": Recipe(
-        6,
+        4,
         {"search/margins.png": "margins.png", "search/space.png": "space.png"},
         command("falsify", "charge", "--budget=400", "--both", "--findings=0", "--no-record"),
     ),
     "finding": Recipe(0.3, {"search/finding.png": "both/figure.png"}, finding),
     "harden": Recipe(
-        6,
+        4,
         {"search/frontier.png": "frontier.png"},
         command("harden", "charge", "--budget=160", "--tries=24", "--rounds=1", "--fresh=1"),
     ),
     "viewer": Recipe(0.5, {"viewer.png": "run.png"}, viewer("paper", shown=("run",), at_s=17.5)),
     "recording": Recipe(
-        1,
+        0.5,
         {f"recording_{name}.png": f"{name}.png" for name in ("run", "mcap", "compare")},
         viewer(
             *("charge", "--runs=2", "--set", "duration_s=6", "--set", "mismatch.friction=0.2"),

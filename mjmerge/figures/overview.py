@@ -113,13 +113,11 @@ def _happened(trace: Trace, run: int, verdict: Verdict | None) -> list[tuple[flo
 def _choices(trace: Trace, run: int) -> Iterator[tuple[float, str]]:
     """From when on it goes for which gap, under a law that chooses; of many, how many and the last."""
     found = chosen_anew(trace, run)
-    for k in found if len(found) <= _MOST_CHOICES else found[-1:]:
+    many = len(found) > _MOST_CHOICES
+    goes = f"the ego, for the last of {len(found)} times, goes" if many else "the ego goes"
+    for k in found[-1:] if many else found:
         one, two = (1 + int(np.broadcast_to(j, trace.front_m.shape[:2])[run, k]) for j in trace.two)
-        gap = f"for the gap between vehicles {one} and {two}"
-        many = (
-            f"goes {gap}" if len(found) <= _MOST_CHOICES else f"chooses anew, the {len(found)}th time, {gap}"
-        )
-        yield float(trace.time_s[k]), f"the ego {many}"
+        yield float(trace.time_s[k]), f"{goes} for the gap between vehicles {one} and {two}"
 
 
 def _number(panel: Axes, times_s: Sequence[float], end_s: float) -> None:

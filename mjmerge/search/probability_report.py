@@ -244,12 +244,12 @@ def figure(found: Probability) -> Figure:
             )
     axes.set_yscale("log")
     value, low, high = found.interval
-    said = f"at most {asked.bound_m:g} m:\n{value:.2g} [{low:.2g}, {high:.2g}]"
+    said = f"at most {asked.bound_m:g} m: {value:.2g} [{low:.2g}, {high:.2g}]"
     _mark(axes, asked.bound_m, said, LINE)
     if found.screened is not None:
         there = asked.bound_m + found.screened.offset
         if found.screened.offset:
-            _mark(axes, there, f"bound on {words(asked.screen or '')}", MU)
+            _mark(axes, there, f"bound on {asked.screen}\n", MU)
         curve = f"{found.screened.cheap_runs} runs on {asked.screen}"
     else:
         curve = f"{found.runs} runs on {plant}"
@@ -264,19 +264,10 @@ def figure(found: Probability) -> Figure:
 
 
 def _mark(axes: Axes, value: float, text: str, shade: str) -> None:
+    """A bound, and above the panel what it is."""
     axes.axvline(value, color=shade, linewidth=1)
-    axes.annotate(
-        text,
-        (value, 1.0),
-        (-3, -3),
-        xycoords=axes.get_xaxis_transform(),
-        textcoords="offset points",
-        rotation=90,
-        ha="right",
-        va="top",
-        fontsize=9,
-        color=shade,
-    )
+    at, where = (value, 1.01), axes.get_xaxis_transform()
+    axes.text(*at, words(text), transform=where, color=shade, ha="center", va="bottom", fontsize=9)
 
 
 def _interval(axes: Axes, found: Probability) -> None:

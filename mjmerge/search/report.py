@@ -29,7 +29,7 @@ def write(
     seeds: int = 1,
 ) -> None:
     """Plot, every point that was run, and text."""
-    figure = _frontier(found, title, across, until) if across is not None else _lines(found, title, until)
+    figure = frontier(found, title, across, until) if across is not None else along_axes(found, title, until)
     save(figure, folder / "breaking.png")
     head = ("min_distance_m", "min_clearance_m", "verdict", "first_broken", "broken_at_s")
     rows = [
@@ -133,7 +133,7 @@ def came(tried: Tried) -> str:
     return broke(tried.row) if tried.failed else SAFE
 
 
-def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
+def along_axes(found: Sequence[Break], title: str, until: Until) -> Figure:
     """Least d_j along every axis, what broke at each point, and the interval of the first break."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -158,7 +158,7 @@ def _lines(found: Sequence[Break], title: str, until: Until) -> Figure:
     return figure
 
 
-def _frontier(found: Sequence[Break], title: str, across: Range, until: Until) -> Figure:
+def frontier(found: Sequence[Break], title: str, across: Range, until: Until) -> Figure:
     """Where one axis breaks, over the value of the other; every point that was run behind it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -93,7 +93,8 @@ class Ground:
             MjmergeError: there is no such plant, a key of the space is none, or nothing can be different.
         """
         check_plant(plant, scenario)
-        scenario, space = scenario.settled(), scenario.search or default(scenario)
+        changes, space = scenario.changes, scenario.search or default(scenario)
+        scenario = scenario.settled().recalling(changes)
         problems: list[Problem] = []
         left_out: dict[str, str] = {}
         for key, spread in space.axes.items():

@@ -87,9 +87,9 @@ def _spread(axis: str, rows: Rows) -> bool:
 def _margins(title: str, rows: Rows) -> Figure:
     """Least d_j of every named mismatch, a mark per law variant; those of failures are open."""
     names = list(dict.fromkeys(row["mismatch"] for row in rows))
-    figure, (axes,) = sheet((1,), 1.5 + 0.22 * len(names))
     laws = len(groups(rows, ("variant",)))
-    beside = [0.6 * ((shown + 0.5) / laws - 0.5) for shown in range(laws)]
+    figure, (axes,) = sheet((1,), 1.5 + max(0.22, 0.08 * laws) * len(names))
+    beside = [0.8 * ((shown + 0.5) / laws - 0.5) for shown in range(laws)]
     for shown, ((variant,), of) in enumerate(groups(rows, ("variant",)).items()):
         colour, mark = _VARIANTS[shown % len(_VARIANTS)], _MARKS[shown % len(_MARKS)]
         axes.scatter([], [], s=26, color=colour, marker=mark, label=variant)

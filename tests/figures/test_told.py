@@ -16,7 +16,7 @@ from mjmerge.figures.runs import comparison, distances, opinion
 from mjmerge.figures.style import LETTERS, End, ends, fold, sheet, words
 from mjmerge.search.breaking import Break, Range, Tried
 from mjmerge.search.ladder import Ladder, Rung, waterfall
-from mjmerge.search.report import _frontier, _lines
+from mjmerge.search.report import along_axes, frontier
 from mjmerge.sweep.campaign import plan
 from mjmerge.sweep.figures import figures
 
@@ -83,6 +83,15 @@ def test_which_gap_it_goes_for_is_told_below_and_hides_no_curve():
     assert names == ["ego", "vehicles 1 to 6", "vehicles 7, 8"], "curves that cover each other have one name"
 
 
+def test_of_many_choices_the_last_is_told(monkeypatch):
+    trace = mjmerge.simulate(mjmerge.load("platoon_8_small", SHORT), "double_integrator")
+    monkeypatch.setattr("mjmerge.figures.overview.chosen_anew", lambda *_: [*range(0, 60, 5)])
+    (told,) = overview(trace).get_supxlabel().splitlines()
+    assert told.startswith(
+        f"1  {trace.time_s[55]:.2f} s  the ego, for the last of 12 times, goes for the gap"
+    )
+
+
 @pytest.mark.parametrize("draw", [opinion, distances])
 def test_a_figure_of_the_paper_names_its_runs_and_has_no_legend(paper, draw):
     other = mjmerge.simulate(mjmerge.load("paper", ["duration_s=5", "law.k_o=0.5"]), "double_integrator")
@@ -134,11 +143,11 @@ def test_breaking_points_and_their_frontier_say_what_broke_below_all_panels():
     points = (tried(0.0, 0.2), tried(0.5, 0.1, first_contact_s=1.0), tried(1.0, -0.1))
     line = Break(Range("mismatch.friction", 0.0, 1.0), 0.5, points)
     safe = Break(Range("mismatch.steer_lag", 0.0, 1.0), None, points[:1])
-    alone = _lines([line, safe], "charge on mujoco; set: law.k_o=1", "unsafe")
-    both = _frontier([line], "charge on mujoco", Range("law.k_o", 0.0, 1.0), "unsafe")
+    alone = along_axes([line, safe], "charge on mujoco; set: law.k_o=1", "unsafe")
+    both = frontier([line], "charge on mujoco", Range("law.k_o", 0.0, 1.0), "unsafe")
     assert legends(alone) == ["safe", "bodies touch", "$d_j$ falls to 0"]
     assert legends(both) == [*legends(alone), "first break, or end of the search"]
-    assert legends(_lines([line], "", "floor"))[0] == "above the floor"
+    assert legends(along_axes([line], "", "floor"))[0] == "above the floor"
     assert alone.get_suptitle() == "charge on mujoco; set: law.k_o=1"
     assert alone.axes[1].get_title(loc="left") == "does not break, up to mismatch.steer_lag = 1"
     marks = {tuple(c.get_paths()[0].vertices.ravel()) for c in both.axes[0].collections}
