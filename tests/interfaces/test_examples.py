@@ -32,8 +32,8 @@ def test_dead_time_takes_the_margin_away(capsys):
     assert rows[-1].endswith("assumption broken")
 
 
-def test_what_is_learned_in_a_second_beats_chance(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["learn_to_merge.py", "1"])
+def test_what_is_learned_in_a_few_generations_beats_chance(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["learn_to_merge.py", "8"])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of cma, about what it could do besides
         rows = dict(row.split(": ") for row in said("learn_to_merge.py", capsys))
