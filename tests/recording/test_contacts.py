@@ -322,6 +322,9 @@ def test_a_comparison_has_discs_phases_hypotheses_events_and_contacts_of_both(
         disc = shown[f"/world/{label}/axles/vehicle_2/cylinder"]
         colors = [b.num_rows for b in disc if "Cylinders3D:colors" in b.schema.names]
         assert sum(colors) > 1, "it changes"
+        name = "Cylinders3D:fill_mode"
+        fills = [b[name].to_pylist() for b in disc if name in b.schema.names]
+        assert fills == [[[1]] if label == labels[0] else [[3]]], "said once: viewers take either of two"
     assert f"/contact/{labels[1]}" in shown
     assert f"/contact/{labels[0]}" not in shown, "points have no bodies"
     (label,) = texts(shown[f"/world/contact_1/{labels[1]}/label"], "Points3D:labels")

@@ -79,7 +79,7 @@ def test_it_is_the_same_in_the_run_its_folder_both_recordings_and_the_report(don
     assert section in text
     assert f"| {CHARGES} | 0." in section
     assert text.index("**Verdict") < text.index("#### Why") < text.index(report.LEGEND)
-    assert section in report.of(["run.mcap"], "", {}, None, said)
+    assert section in report.of(["charge on bicycle"], "", {}, None, said)
 
 
 def test_nobody_asked_or_it_is_safe_and_nothing_is_said(tmp_path):

@@ -178,11 +178,18 @@ def still_life(header: Header, scene: Scene) -> Still:
     return [*still, *still_arrows(scene), *still_states(scenario), *contact, *levels]
 
 
-def still_frames(scene: Scene, entity: Callable[[str], str]) -> Still:
-    """What is fixed to the frames of a scene, and the road; ``entity`` is where a frame's is."""
+def still_frames(scene: Scene, entity: Callable[[str], str], *, hollow: bool = False) -> Still:
+    """What is fixed to the frames of a scene, and the road.
+
+    Args:
+        scene: the scene.
+        entity: where a frame's is.
+        hollow: whether of the discs only the edges are drawn.
+    """
     still = still_shapes(entity("road/"), scene.fixed)
     for frame in scene.frames:
-        still += still_shapes(entity(frame.name), frame.shapes, colored=frame.neighbour is None)
+        disc = frame.neighbour is not None
+        still += still_shapes(entity(frame.name), frame.shapes, colored=not disc, hollow=disc and hollow)
         if frame.label:
             at = [(0.0, 0.0, scene.label_m)]
             label = rr.Points3D(at, labels=[frame.label], radii=0, colors=[(240, 240, 240)])
@@ -190,7 +197,9 @@ def still_frames(scene: Scene, entity: Callable[[str], str]) -> Still:
     return still
 
 
-def still_shapes(entity: str, shapes: tuple[Shape, ...], colored: bool = True) -> Still:
+def still_shapes(
+    entity: str, shapes: tuple[Shape, ...], *, colored: bool = True, hollow: bool = False
+) -> Still:
     """One child entity per kind of shape: kinds share the components that place them.
 
     A colour that is to change must not be among what never does: Rerun would show that one only.
@@ -199,7 +208,7 @@ def still_shapes(entity: str, shapes: tuple[Shape, ...], colored: bool = True) -
     for kind in ("box", "ellipsoid", "cylinder", "capsule"):
         some = [s for s in shapes if s.kind == kind]
         if some:
-            still.append((f"{entity}/{kind}", _archetype(kind, some, colored)))
+            still.append((f"{entity}/{kind}", _archetype(kind, some, colored, hollow)))
     for i, mesh in enumerate(s for s in shapes if s.kind == "mesh"):
         placed = rr.InstancePoses3D(translations=[mesh.pos_m], quaternions=[np.roll(mesh.quat, -1)])
         drawn = rr.Mesh3D(
@@ -214,21 +223,21 @@ def _arrow_entity(name: str) -> str:
     return f"{layout.entity('axles/ego')}/{name}"
 
 
-def _archetype(kind: str, shapes: list[Shape], colored: bool) -> rr.AsComponents:
+def _archetype(kind: str, shapes: list[Shape], colored: bool, hollow: bool) -> rr.AsComponents:
     """Shapes of one kind as one batch."""
     size = np.array([s.half_size_m for s in shapes])
     centers = np.array([s.pos_m for s in shapes])
     quaternions = np.roll([s.quat for s in shapes], -1, axis=-1)  # x y z w
     colors = np.array([s.rgba for s in shapes]) if colored else None
-    solid = rr.components.FillMode.Solid
+    fill = rr.components.FillMode.MajorWireframe if hollow else rr.components.FillMode.Solid
     match kind:
         case "box":
             return rr.Boxes3D(
-                half_sizes=size, centers=centers, quaternions=quaternions, colors=colors, fill_mode=solid
+                half_sizes=size, centers=centers, quaternions=quaternions, colors=colors, fill_mode=fill
             )
         case "ellipsoid":
             return rr.Ellipsoids3D(
-                half_sizes=size, centers=centers, quaternions=quaternions, colors=colors, fill_mode=solid
+                half_sizes=size, centers=centers, quaternions=quaternions, colors=colors, fill_mode=fill
             )
         case "cylinder":
             return rr.Cylinders3D(
@@ -237,7 +246,7 @@ def _archetype(kind: str, shapes: list[Shape], colored: bool) -> rr.AsComponents
                 centers=centers,
                 quaternions=quaternions,
                 colors=colors,
-                fill_mode=solid,
+                fill_mode=fill,
             )
         case _:  # a capsule starts at its translation and goes up
             bottoms = [s.pos_m - s.half_size_m[2] * s.axis for s in shapes]
@@ -247,5 +256,5 @@ def _archetype(kind: str, shapes: list[Shape], colored: bool) -> rr.AsComponents
                 translations=bottoms,
                 quaternions=quaternions,
                 colors=colors,
-                fill_mode=solid,
+                fill_mode=fill,
             )

@@ -149,16 +149,11 @@ def _tell(stream: rr.RecordingStream, told: _Told) -> None:
     else:
         drawn = scene.showing((), [f.faded(_GHOST_ALPHA) for f in scene.frames])
     scenario, side = told.side.header.scenario, told.side.label
-    still = [*still_frames(drawn, told.entity), *still_states(scenario, side)]
+    still = [*still_frames(drawn, told.entity, hollow=not told.solid), *still_states(scenario, side)]
     has_bodies = told.side.header.plant in BODIES
     still += still_contact(scenario.roster, side) if has_bodies else []
     for entity, what in still:
         stream.log(entity, what, static=True)
-    if not told.solid:
-        for frame in scene.frames:
-            if frame.neighbour is not None:
-                hollow = rr.Cylinders3D.from_fields(fill_mode="majorwireframe")
-                stream.log(f"{told.entity(frame.name)}/cylinder", hollow, static=True)
     send_frames(stream, scene, posed, told.entity)
     before = np.full(posed.shades.shape[1], -1)
     send_discs(stream, scene, posed.time_ns[posed.drawn], posed.shades, before, entity=told.entity)
