@@ -204,7 +204,9 @@ def test_every_command_is_one_with_its_options(words):
 
 
 def test_every_option_that_is_told_of_is_one():
-    told = {*re.findall(r"`(--[a-z][\w-]*)", "".join(PAGES.values()))}
+    """But for pages about working on mjmerge, which have options of scripts, too."""
+    pages = [text for name, text in PAGES.items() if name not in ("CONTRIBUTING.md", "docs/architecture.md")]
+    told = {*re.findall(r"`(--[a-z][\w-]*)", "".join(pages))}
     every = {flag for name in EVERY for option in options(command(name)) for flag in option.flags}
     assert told
     assert told <= {*every, "--version"}
