@@ -100,6 +100,9 @@ def _margins(title: str, rows: Rows) -> Figure:
             style = {"facecolor": face, "edgecolor": colour, "marker": mark, "s": 26, "zorder": 3}
             axes.scatter(margins, heights, **style)
     axes.scatter([], [], s=26, facecolor="white", edgecolor="black", label="failed")
+    for row in range(1, len(names), 2):
+        axes.axhspan(row - 0.5, row + 0.5, color="0.95", linewidth=0, zorder=0)
+    axes.grid(visible=False, axis="y")
     _limits(axes, rows, axes.axvline)
     axes.set_yticks(range(len(names)), names, fontsize=9)
     axes.set_ylim(len(names) - 0.5, -0.5)
