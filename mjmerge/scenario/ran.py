@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mjmerge.config.doors import from_outside
 from mjmerge.law import is_paper
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
@@ -27,10 +28,11 @@ def ran(
         continuous: whether law and plant were one differential equation.
         mismatch: of the run; by default the scenario's.
     """
-    law = "" if is_paper(scenario.law) else f", {scenario.law.label}"
+    kind = scenario.law.kind
+    law = kind if from_outside(kind) else "" if is_paper(scenario.law) else scenario.law.label
     how = ", continuous time" if continuous else ""
     of = "" if seed is None else f", seed {seed}"
-    lines = [f"{scenario.name} on {plant}{how}{of}{law}"]
+    lines = [f"{scenario.name} on {plant}{how}{of}{law and f', {law}'}"]
     known = Mismatch()
     off = [f"{k} {_short(v)}" for k, v in mismatch or scenario.mismatch if v != getattr(known, k)]
     if off:

@@ -136,7 +136,7 @@ def test_a_terminated_run_closes_its_files(tmp_path: Path, number: signal.Signal
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT) as process:
         watched = tmp_path / "a" / PARTIAL[0]
         deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and not (watched.exists() and watched.stat().st_size > 100_000):
+        while time.monotonic() < deadline and not (watched.exists() and watched.stat().st_size > 200_000):
             time.sleep(0.01)
         process.send_signal(number)
         _, error = process.communicate(timeout=60)
