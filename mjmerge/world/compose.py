@@ -40,7 +40,7 @@ from mjmerge.world.checks.findings import Finding, told
 from mjmerge.world.checks.options import differences
 from mjmerge.world.checks.parts import BRAKE, DRIVE, STEER
 from mjmerge.world.contained import contained
-from mjmerge.world.model import HARDEST, IMPRATIO, LONGEST_STEP_S, World
+from mjmerge.world.model import HARDEST, IMPRATIO, LONGEST_STEP_S, World, moving
 from mjmerge.world.road import Line, mark, markings
 from mjmerge.world.stretch import stretched
 
@@ -212,8 +212,7 @@ def compose(
         made = {car: of[car].stretched(length_m, width_m) for car, length_m, width_m in sizes}
         ways = {c: (s.length_m / of[c].length_m, s.width_m / of[c].width_m) for c, s in made.items()}
         xml, sheets = stretched(xml, ways), tuple((of | made).values())
-        model = mujoco.MjModel.from_xml_string(xml)
-    return World(model, xml, cars, sheets, tyres)
+    return World(moving(xml), xml, cars, sheets, tyres)
 
 
 def attached(model: mujoco.MjModel, xml: str, sheets: Sequence[DataSheet], scenario: Scenario) -> World:
@@ -243,7 +242,7 @@ def attached(model: mujoco.MjModel, xml: str, sheets: Sequence[DataSheet], scena
             raise ModelError(f"its world lacks something of {car}: {lacks}") from error
     if problems := told(findings):
         raise ModelError("; ".join(problems))
-    return World(model, xml, cars, tuple(sheets), scenario.mismatch.tyres)
+    return World(moving(xml), xml, cars, tuple(sheets), scenario.mismatch.tyres)
 
 
 def _why(error: ValueError, files: Mapping[str, CarFile]) -> str:

@@ -191,7 +191,7 @@ def foxglove_alone(scenario: Scenario, world: World, done: Path, folder: Path) -
 def rerun_alone(scenario: Scenario, world: World, header: Header, done: Path, folder: Path) -> Cost:
     """Rerun's encoder, given the columns of every block, and then the chunks of a finished ``run.rrd``."""
     simulated(scenario, world, Timed(kept := Kept()))
-    posing, ready = Posing(header, Scene(world.model, scenario.r_m)), {}
+    posing, ready = Posing(header, Scene(world.drawn, scenario.r_m)), {}
     for block in kept.blocks:
         send_numbers(heard := Heard(), posing.block(block))
         ready[int(block.ticks[0])] = heard.calls
@@ -224,7 +224,7 @@ def main() -> None:
 
     def header(of: Scenario) -> Header:
         return Header(
-            of, dump(of), "mujoco", 0, world.model, world.xml, versions(), of.control_step_s, sheets
+            of, dump(of), "mujoco", 0, world.drawn, world.xml, versions(), of.control_step_s, sheets
         )
 
     about = header(scenario)

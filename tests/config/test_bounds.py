@@ -153,13 +153,13 @@ def test_what_is_remembered_counts_as_memory():
 def test_a_long_road_has_as_many_dashes_as_any_and_still_two_edges():
     long = build(mjmerge.load("highway", ["duration_s=3600"]))
     short = build(mjmerge.load("highway"))
-    names = [long.model.geom(i).name for i in range(long.model.ngeom)]
+    names = [long.drawn.geom(i).name for i in range(long.drawn.ngeom)]
     dashes = [name for name in names if name.startswith("dash_")]
     assert 900 < len(dashes) <= bounds.MOST_DASHES
     assert {"edge_left", "edge_right"} < set(names)
-    apart = [short.model.geom(f"dash_{i}").pos[0] for i in (0, 1)]
+    apart = [short.drawn.geom(f"dash_{i}").pos[0] for i in (0, 1)]
     assert apart[1] - apart[0] == pytest.approx(mjmerge.load("highway").road.lane_width_m)
-    last, edge = long.model.geom(dashes[-1]), long.model.geom("edge_left")
+    last, edge = long.drawn.geom(dashes[-1]), long.drawn.geom("edge_left")
     assert last.pos[0] == pytest.approx(edge.pos[0] + edge.size[0], rel=0.01)
 
 

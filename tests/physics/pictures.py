@@ -35,7 +35,7 @@ _ANGLE_RAD = 0.35
 def render(model: str, role: str, view: str) -> Image.Image:
     """A standing car with its wheels turned, painted for a role."""
     world = compose({role: model})
-    m, data = world.model, mujoco.MjData(world.model)
+    m, data = world.drawn, mujoco.MjData(world.drawn)
     m.vis.global_.offwidth, m.vis.global_.offheight, m.vis.quality.offsamples = 2 * WIDTH, 2 * HEIGHT, 8
     for wheel in STEERED:
         data.joint(f"{role}/steer_{wheel}").qpos[0] = _ANGLE_RAD

@@ -199,7 +199,7 @@ def test_a_run_under_another_mismatch_than_it_says_only_replay_knows(tmp_path: P
     world = build(said)
     sheets = tuple(car_sheets(said))
     header = Header(
-        said, dump(said), "mujoco", 0, world.model, world.xml, versions(), said.control_step_s, sheets
+        said, dump(said), "mujoco", 0, world.drawn, world.xml, versions(), said.control_step_s, sheets
     )
     with Recording(tmp_path, header, {"run.mcap": FORMATS["run.mcap"]}) as recording:
         simulate(done, "mujoco", world=build(done), sink=recording)

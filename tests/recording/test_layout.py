@@ -37,7 +37,7 @@ NEVER_S = np.array([[np.inf]])
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     scenario = load("paper")
-    return Scene(build(scenario).model, scenario.law.r_m)
+    return Scene(build(scenario).drawn, scenario.law.r_m)
 
 
 def test_every_plotted_field_is_in_its_message(scene: Scene) -> None:

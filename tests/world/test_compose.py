@@ -22,6 +22,7 @@ from mjmerge.world.compose import build, compose
 from mjmerge.world.model import IMPRATIO
 
 CARS = roster().cars
+TYRES = [f"tyre_{wheel}" for wheel in WHEELS]
 
 
 @pytest.fixture(scope="module")
@@ -62,10 +63,28 @@ def test_a_car_that_has_changed_since_is_read_again(tmp_path, monkeypatch):
     for kind in ("models", "scenarios"):
         shutil.copytree(shipped.folder(kind), tmp_path / kind)
     monkeypatch.setattr(shipped, "folder", lambda kind: tmp_path / kind)
-    built = build(load("charge")).model
+    built = build(load("charge")).drawn
     file = tmp_path / "models" / "parts" / "car.xml"
     file.write_text(file.read_text().replace('rgba=".13 .13 .14 1"', 'rgba=".5 .5 .5 1"'))
-    assert not np.array_equal(build(load("charge")).model.mat_rgba, built.mat_rgba)
+    assert not np.array_equal(build(load("charge")).drawn.mat_rgba, built.mat_rgba)
+
+
+def test_what_is_only_drawn_is_in_no_step_of_the_physics_and_changes_none_of_its_bits(altered_car):
+    hub = '<inertial pos="0 0 0" mass="0.04" diaginertia="1e-5 1e-5 1e-5"/>'
+    drawn_mass = altered_car((hub, '<geom type="sphere" size="0.02" mass="0.04"/>'))
+    world = compose({"ego": str(drawn_mass), "vehicle_1": "sedan", "vehicle_2": "van"})
+    touching = {"road"} | {f"{car}/{part}" for car in CARS for part in ("hull", *TYRES)}
+    assert {world.model.geom(i).name for i in range(world.model.ngeom)} == touching
+    assert world.drawn.ngeom > 5 * world.model.ngeom
+    assert world.drawn.nmat > world.model.nmat == 0
+    ends = []
+    for model in (world.model, world.drawn):
+        data = mujoco.MjData(model)
+        data.ctrl[:] = np.linspace(-0.1, 0.3, model.nu)
+        mujoco.mj_step(model, data, 500)
+        ends.append(np.concatenate([data.qpos, data.qvel, data.sensordata]))
+    assert np.abs(ends[0]).max() > 0.1
+    assert ends[0].tobytes() == ends[1].tobytes()
 
 
 @pytest.mark.parametrize("name", sorted(shipped.models()))
@@ -129,7 +148,7 @@ def test_gravity_is_what_the_law_and_the_judges_take_it_for():
 
 
 def test_figures_have_the_colours_of_the_cars_in_the_world():
-    model = build(load("paper")).model
+    model = build(load("paper")).drawn
     for car in CARS:
         painted = model.material(f"{car}/paint").rgba
         assert to_hex(painted) == COLOURS[car]
