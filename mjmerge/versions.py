@@ -15,12 +15,16 @@ _PACKAGES = ("mjmerge", "mujoco", "dm-control", "numpy", "rerun-sdk", "mcap", "f
 def versions(packages: Sequence[str] = _PACKAGES) -> dict[str, str]:
     """Version of Python and of each package that a recording depends on; those not installed are left out."""
     found = {"python": platform.python_version()}
-    for package in packages:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
+    known = {package: _version(package) for package in packages}
+    return found | {package: version for package, version in known.items() if version is not None}
+
+
+@cache  # what is installed is read from files, package by package
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 @cache

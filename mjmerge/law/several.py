@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,27 +88,53 @@ class Laws:
     def _decide(self, seen: Sensed, memory: Memory, step_s: float) -> Decision:
         if len(self.parts) == 1:
             return decided(self.first, seen, memory, step_s)
-        u = np.empty((self.runs, 2))
-        signals: dict[str, Array] = {}
-        after: dict[str, Array] = {}
+        made: list[Decision] = []
+        after: list[Memory] = []
         failed: dict[int, str] = {}
-        for law, members in self.parts:
-            mine = {name: values[members] for name, values in memory.items()}
-            one = decided(law, Sensed(**{n: v[members] for n, v in vars(seen).items()}), mine, step_s)
-            u[members] = one.u
-            _put(signals, one.signals, members, self.runs)
-            _put(after, remembered(law, mine, one, step_s), members, self.runs)
+        for (law, members), mine in zip(self.parts, self._places, strict=True):
+            own = {name: values[mine] for name, values in memory.items()}
+            one = decided(law, Sensed(**{n: v[mine] for n, v in vars(seen).items()}), own, step_s)
+            made.append(one)
+            after.append(remembered(law, own, one, step_s))
             failed |= {int(members[run]): why for run, why in one.failed.items()}
-        return Decision(u, signals, after=after, failed=failed)
+        joined = self._joined
+        u, signals = joined([{"u": one.u} for one in made])["u"], joined([one.signals for one in made])
+        return Decision(u, signals, after=joined(after), failed=failed)
+
+    @cached_property
+    def _places(self) -> list[slice | NDArray[np.intp]]:
+        """Of each law, where its simulations are; simulations in a row as a slice, which copies nothing."""
+        ends = ((int(members[0]), int(members[-1]) + 1) for _, members in self.parts)
+        return [
+            slice(first, end) if end - first == len(members) else members
+            for (first, end), (_, members) in zip(ends, self.parts, strict=True)
+        ]
+
+    @cached_property
+    def _order(self) -> NDArray[np.intp] | None:
+        """Where each simulation is among those of all laws, one after the other; ``None`` if where it was."""
+        order = np.argsort(np.concatenate([members for _, members in self.parts]))
+        return None if np.array_equal(order, np.arange(self.runs)) else order
+
+    def _joined(self, parts: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+        """Arrays of all simulations from those of each law; NaN where a law has none of that name."""
+        found = {}
+        for name in dict.fromkeys(name for part in parts for name in part):
+            (like, *_) = (part[name] for part in parts if name in part)
+            rows = np.concatenate(
+                [
+                    part[name] if name in part else _nothing(like, len(members))
+                    for part, (_, members) in zip(parts, self.parts, strict=True)
+                ]
+            )
+            found[name] = rows if self._order is None else rows[self._order]
+        return found
 
     def remembered(self, memory: Memory, decision: Decision, step_s: float) -> Memory:
         """What they remember a control step later."""
         return remembered(self.first, memory, decision, step_s)
 
 
-def _put(whole: dict[str, Array], part: Mapping[str, Array], members: NDArray[np.intp], runs: int) -> None:
-    """Puts rows of some simulations into arrays of all."""
-    for name, values in part.items():
-        if name not in whole:
-            whole[name] = np.full((runs, *values.shape[1:]), np.nan, dtype=values.dtype)
-        whole[name][members] = values
+def _nothing(like: Array, rows: int) -> Array:
+    """NaN in rows like these."""
+    return np.full((rows, *like.shape[1:]), np.nan, like.dtype)

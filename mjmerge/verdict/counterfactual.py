@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from mjmerge.config.doors import from_outside
 from mjmerge.drivers import Absent
+from mjmerge.scenario.cars import equipped
 from mjmerge.scenario.effect import acting
 from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.schema import Scenario
-from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.each import alike
+from mjmerge.simulation.loop import run, ticks
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 
@@ -21,7 +24,14 @@ IDEAL = "double_integrator"
 
 _Case = tuple[int, Mismatch]
 _MOST_KNOWN = 1_000
-_TOGETHER = 256  # simulations at a time: what they leave behind is large, and only its least is kept
+_MOST_TOGETHER, _MOST_TICKS = 256, 300_000  # simulations at a time, and all their ticks
+
+
+class _Ideal(NamedTuple):
+    """A scenario to be run on the ideal plant, with nothing different in truth, and what is known of it."""
+
+    scenario: Scenario
+    known: dict[_Case, Array]
 
 
 def guarded(scenario: Scenario) -> bool | None:
@@ -46,55 +56,103 @@ def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
 
     NaN where that cannot be asked: a driver's code is not here, or the law cannot be without.
     """
-    scenario = unguarded(trace.scenario)
-    if scenario is None or any(isinstance(driver, Absent) for driver in trace.scenario.neighbours):
-        return np.full((len(runs), trace.least_m.shape[1]), np.nan)
-    kinds = [scenario.law.kind, *(driver.kind for driver in scenario.neighbours)]
-    outside = any(map(from_outside, kinds))
-    known = {} if outside or scenario.sheets is None else _known(scenario)
-    return _ideal_m(scenario, trace, runs, known)
+    return ideals_m(trace, runs, ())[0]
 
 
 def with_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
     """How close they come there with it: the same of the scenario as it is."""
-    if trace.plant == IDEAL and not trace.continuous and trace.mismatch == (Mismatch(),) * trace.runs:
-        return trace.least_m[list(runs)]  # that is what happened
+    return ideals_m(trace, (), runs)[1]
+
+
+def ideals_m(trace: Trace, without: Sequence[int], with_it: Sequence[int]) -> tuple[Array, Array]:
+    """Both, each of its own simulations: what is to be run runs together."""
+    asked = (_without(trace) if without else None, without), (_with(trace) if with_it else None, with_it)
+    bare, kept = _least_m(trace, asked)
+    return bare, kept
+
+
+def _without(trace: Trace) -> _Ideal | None:
+    scenario = unguarded(trace.scenario)
+    if scenario is None or any(isinstance(driver, Absent) for driver in scenario.neighbours):
+        return None
+    return _ideal(scenario)
+
+
+def _with(trace: Trace) -> _Ideal:
     scenario = trace.scenario.settled().model_copy(update={"mismatch": Mismatch()})
-    return _ideal_m(scenario, trace, runs, {})
+    if trace.plant == IDEAL and not trace.continuous and trace.mismatch == (Mismatch(),) * trace.runs:
+        cases = [_case(trace, one) for one in range(trace.runs)]
+        return _Ideal(scenario, dict(zip(cases, trace.least_m, strict=True)))  # that is what happened
+    return _ideal(scenario)
 
 
-@lru_cache(maxsize=32)
+def _ideal(scenario: Scenario) -> _Ideal:
+    """What of code from outside is known may be of other code by now."""
+    there = acting(equipped(scenario), IDEAL)
+    kinds = [scenario.law.kind, *(driver.kind for driver in scenario.neighbours)]
+    lasting = scenario.sheets is not None and not any(map(from_outside, kinds))
+    return _Ideal(there, _known(there) if lasting else {})
+
+
+@lru_cache(maxsize=64)
 def _known(scenario: Scenario) -> dict[_Case, Array]:
     """What came of a scenario's cases already; empty at first.
 
-    Every rung of a ladder, row of a gate and step of a search is held against the same few ideal runs. Not
-    for code from outside, which may be other code by now.
+    Every rung of a ladder, row of a gate and step of a search is held against the same few ideal runs.
     """
     del scenario
     return {}
 
 
-def _ideal_m(scenario: Scenario, trace: Trace, runs: Sequence[int], known: dict[_Case, Array]) -> Array:
-    """:attr:`Trace.least_m` of a scenario on the ideal plant, m, (M, C-1 or C).
+def _least_m(trace: Trace, asked: Sequence[tuple[_Ideal | None, Sequence[int]]]) -> list[Array]:
+    """:attr:`Trace.least_m` of scenarios on the ideal plant, m, (M, C-1 or C) each.
 
     With the same neighbours, seeds, measurements and dead time, as far as the ideal plant has them;
-    simulations that differ in nothing of that share one run. NaN where that run has no data.
+    simulations that differ in nothing of that share one run. NaN where that run has no data, or there is
+    nothing to run.
 
     Args:
-        scenario: what to run, with nothing different in truth.
         trace: what happened, and the cases that it happened in.
-        runs: which of its simulations, M of them.
-        known: what is known of it by case; what comes of others is added.
+        asked: scenarios, and of which of the trace's simulations, M of them, each.
     """
-    cases = [_case(trace, run) for run in runs]
-    distinct = [case for case in dict.fromkeys(cases) if case not in known]
-    if len(known) + len(distinct) > _MOST_KNOWN:
-        known, distinct = {}, list(dict.fromkeys(cases))
-    for first in range(0, len(distinct), _TOGETHER):
-        part = distinct[first : first + _TOGETHER]
-        known |= zip(part, simulate(scenario, IDEAL, cases=part).least_m, strict=True)
-    least = [known[case] for case in cases]
-    return np.array(least) if least else np.empty((0, trace.least_m.shape[1]))
+    there, todo = [], []
+    for ideal, runs in asked:
+        cases = [] if ideal is None else [_case(trace, one) for one in runs]
+        known = {} if ideal is None else ideal.known
+        distinct = [case for case in dict.fromkeys(cases) if case not in known]
+        if distinct and len(known) + len(distinct) > _MOST_KNOWN:
+            known, distinct = {}, list(dict.fromkeys(cases))
+        todo += [(ideal.scenario, known, case) for case in distinct if ideal is not None]
+        there.append((known, cases, len(runs)))
+    while todo:
+        part = _together(todo)
+        todo = todo[len(part) :]
+        for (_, known, case), least in zip(part, _simulated_m(part), strict=True):
+            known[case] = least
+    found = [np.full((runs, trace.least_m.shape[1]), np.nan) for _, _, runs in there]
+    for least_m, (known, cases, _) in zip(found, there, strict=True):
+        if cases:
+            least_m[:] = [known[case] for case in cases]
+    return found
+
+
+_Todo = tuple[Scenario, dict[_Case, Array], _Case]
+
+
+def _together(todo: Sequence[_Todo]) -> Sequence[_Todo]:
+    """What of it comes first and can be simulated together, as much as there is room for."""
+    scenario = todo[0][0]
+    most = max(1, min(_MOST_TOGETHER, _MOST_TICKS // scenario.ticks))
+    others = [i for i, (one, _, _) in enumerate(todo) if one is not scenario]
+    fits = not others or alike(todo[others[0]][0]) == alike(scenario)
+    return todo[: most if fits else min(most, others[0])]
+
+
+def _simulated_m(part: Sequence[_Todo]) -> Array:
+    """:attr:`Trace.least_m` of simulations on the ideal plant, (M, C-1 or C)."""
+    each = [scenario.model_copy(update={"mismatch": mismatch}) for scenario, _, (_, mismatch) in part]
+    seeds = [seed for _, _, (seed, _) in part]
+    return run(ticks(each[0], each, seeds, IDEAL)).finish().least_m
 
 
 def _case(trace: Trace, run: int) -> _Case:

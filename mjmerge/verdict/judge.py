@@ -31,7 +31,7 @@ from mjmerge.law import is_paper
 from mjmerge.notebook.html import facts, page
 from mjmerge.simulation.trace import Stop, Trace, check_trace
 from mjmerge.state import Array, Mask, dot
-from mjmerge.verdict.counterfactual import guarded, with_barrier_m, without_barrier_m
+from mjmerge.verdict.counterfactual import guarded, ideals_m, with_barrier_m
 from mjmerge.verdict.hypotheses import OBEYS_WINDOW_S, SEEN, Hypothesis, asked
 from mjmerge.verdict.metrics import Collision, Event, RanOff, collisions, ran_off
 
@@ -132,15 +132,14 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
     check_trace(trace)
     evidence = _Evidence.of(trace)
     safe = [run for run in range(trace.runs) if evidence.is_safe(run)]
-    least = np.full(trace.least_m.shape, np.nan)
+    least, ideal = np.full((2, *trace.least_m.shape), np.nan)
+    far = [run for run in safe if evidence.kept_m(run) >= evidence.r_m]
     if without is not None:
         least[safe] = without[safe]
+        far = [run for run in far if _needed(evidence, run, least[run])]
+        ideal[far] = with_barrier_m(trace, far)
     elif safe and guarded(trace.scenario):
-        least[safe] = without_barrier_m(trace, safe)
-    ideal = np.full(trace.runs, np.nan)
-    far = [run for run in safe if _needed(evidence, run, least[run]) and evidence.kept_m(run) >= evidence.r_m]
-    if far:
-        ideal[far] = with_barrier_m(trace, far).min(axis=1)
+        least[safe], ideal[far] = ideals_m(trace, safe, far)
     expect, edge_m = trace.scenario.expect, trace.edge_distance_m
     floor = expect.min_distance_m.at_least
     above: Mask = np.all(trace.distance_m >= floor, axis=(1, 2))  # false for NaN: missing data is no pass
@@ -150,7 +149,7 @@ def judge(trace: Trace, without: Array | None = None) -> list[Verdict]:
     for run in range(trace.runs):
         breaches = evidence.breaches(run)
         if run in safe:
-            ruling = _ruling_of_safe(evidence, run, least[run], float(ideal[run]), breaches)
+            ruling = _ruling_of_safe(evidence, run, least[run], float(ideal[run].min()), breaches)
         else:
             ruling = _ruling_of_other(evidence, run)
         touched, off = tuple(collisions(trace, run)), ran_off(trace, run)

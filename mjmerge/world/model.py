@@ -30,7 +30,7 @@ HARDEST = 0.9999
 def moving(xml: str) -> mujoco.MjModel:
     """A world of that MJCF without what is only drawn.
 
-    That is nine geoms in ten, which MuJoCo would place anew in every step: a step takes 4 to 10 % less without
+    That is nine geoms in ten, which MuJoCo would place anew in every step: one takes 4 to 10 % less without
     them, and has the same bits.
     """
     spec = mujoco.MjSpec.from_string(xml)

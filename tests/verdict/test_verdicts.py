@@ -9,9 +9,9 @@ from mjmerge.law.opinion_dynamics import barrier as barrier_module
 from mjmerge.law.opinion_dynamics import law as merge
 from mjmerge.scenario.load import load
 from mjmerge.scenario.mismatch import Mismatch
-from mjmerge.simulation.loop import simulate
+from mjmerge.simulation.loop import simulate, ticks
 from mjmerge.verdict import counterfactual
-from mjmerge.verdict.counterfactual import unguarded, without_barrier_m
+from mjmerge.verdict.counterfactual import ideals_m, unguarded, without_barrier_m
 from mjmerge.verdict.hypotheses import HYPOTHESES
 from mjmerge.verdict.judge import BROKEN, HELD, REFUTED, UNRESOLVED, VACUOUS, judge
 from mjmerge.verdict.metrics import merged_at_s, turned_rad
@@ -143,11 +143,11 @@ def test_the_counterfactual_is_the_same_scenario_without_the_barrier_run_by_run(
 def test_what_is_known_already_of_a_run_without_the_barrier_is_not_run_again(monkeypatch):
     scenario, ran = load("charge", ["duration_s=0.7"]), []
 
-    def counted(*given, cases, **more):
-        ran.append(len(cases))
-        return simulate(*given, cases=cases, **more)
+    def counted(scenario, each, *given):
+        ran.append(len(each))
+        return ticks(scenario, each, *given)
 
-    monkeypatch.setattr(counterfactual, "simulate", counted)
+    monkeypatch.setattr(counterfactual, "ticks", counted)
     cases = [(seed, Mismatch(friction=friction)) for seed in (3, 4) for friction in (0.5, 1.0)]
     first = without_barrier_m(simulate(scenario, IDEAL, cases=[(s, Mismatch()) for s, _ in cases]), range(4))
     again = without_barrier_m(simulate(scenario, "mujoco", cases=cases), range(4))
@@ -156,6 +156,46 @@ def test_what_is_known_already_of_a_run_without_the_barrier_is_not_run_again(mon
     without_barrier_m(simulate(scenario, IDEAL, runs=2, seed=4), range(2))
     without_barrier_m(simulate(load("charge", ["duration_s=0.7", "law.r_rho_m=-1"]), IDEAL, seed=3), [0])
     assert ran == [2, 1, 1]
+
+
+def test_the_ideals_without_and_with_the_barrier_run_together_each_to_the_bits_it_has_alone(monkeypatch):
+    scenario, ran = load("charge", ["duration_s=1.5"]), []
+
+    def counted(scenario, each, *given):
+        ran.append(len(each))
+        return ticks(scenario, each, *given)
+
+    monkeypatch.setattr(counterfactual, "ticks", counted)
+    noisy = [(seed, Mismatch(neighbour_position_noise_m=0.02)) for seed in range(4)]
+    trace = simulate(scenario, "bicycle", cases=noisy)
+    without, with_it = ideals_m(trace, [0, 2, 3], [3, 1])
+    assert ran == [5]
+    bare = scenario.settled().model_copy(update={"law": scenario.law.unguarded()})
+    for law_of, runs, found in ((bare, [0, 2, 3], without), (scenario, [3, 1], with_it)):
+        alone = [simulate(law_of, IDEAL, cases=[noisy[run]]).least_m[0] for run in runs]
+        assert found.tobytes() == np.stack(alone).tobytes()
+    assert not np.array_equal(without[2], with_it[0])
+    larger = simulate(load("charge", ["duration_s=1.5", "physics_step_s=0.002"]), "mujoco", cases=noisy)
+    again = ideals_m(larger, [0], [1])  # a step of the physics is nothing to the ideal
+    assert (again[0].tobytes(), again[1].tobytes()) == (without[:1].tobytes(), with_it[1:].tobytes())
+    assert ran == [5]
+    assert [rows.shape for rows in ideals_m(trace, [], [])] == [(0, 2), (0, 2)]
+
+
+def test_a_law_whose_bare_form_is_of_another_kind_runs_by_itself(monkeypatch):
+    scenario, ran = load("charge", ["duration_s=0.5", "law.kind=cbf_qp"]), []
+
+    def counted(scenario, each, *given):
+        ran.append({one.law.kind for one in each})
+        return ticks(scenario, each, *given)
+
+    monkeypatch.setattr(counterfactual, "ticks", counted)
+    monkeypatch.setattr(type(scenario.law), "unguarded", lambda _: load("charge").law.unguarded())
+    trace = simulate(scenario, "bicycle", runs=2)
+    without, with_it = ideals_m(trace, [0, 1], [1])
+    assert ran == [{"opinion_dynamics"}, {"cbf_qp"}]
+    assert np.isfinite(without).all()
+    assert np.isfinite(with_it).all()
 
 
 def test_held_means_that_a_run_without_the_barrier_comes_out_worse(long):
