@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -93,12 +93,18 @@ class Log:
         *,
         continuous: bool = False,
         told_truth: bool = False,
+        kept: Collection[str] | None = None,
     ) -> None:
         self._scenario, self._plant, self._seeds = scenario, plant, seeds
         self._sheets, self._mismatch, self._continuous = sheets, mismatch, continuous
         self.time_s: Array = np.arange(scenario.ticks, dtype=np.float64) * scenario.control_step_s
+        self._kept = kept
+
+        def empty(name: str, shape: tuple[int, ...]) -> Array:
+            return np.full(shape, np.nan) if self._keeps(name) else np.broadcast_to(np.nan, shape)
+
         self.columns = {
-            c.name: np.full((len(seeds), scenario.ticks, *c.shape(scenario.roster)), np.nan)
+            c.name: empty(c.name, (len(seeds), scenario.ticks, *c.shape(scenario.roster)))
             for c in (*COLUMNS, *own(scenario))
             if not (c.told and told_truth)
         }
@@ -115,6 +121,9 @@ class Log:
         ]
         self._ticks = self._followed = 0
 
+    def _keeps(self, name: str) -> bool:
+        return self._kept is None or name in self._kept
+
     def write(self, row: Mapping[str, Array], running: Mask, qpos: Callable[[], Array]) -> None:
         """One tick of all simulations; those not running stay NaN.
 
@@ -125,6 +134,8 @@ class Log:
         """
         k, everyone = self._ticks, running.all()
         for name, value in row.items():
+            if not self._keeps(name):
+                continue
             if everyone:
                 self.columns[name][:, k] = value
             else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -142,6 +142,7 @@ def ticks(
     live: Sink | None = None,
     progress: Callable[[float], None] | None = None,
     continuous: bool = False,
+    kept: Collection[str] | None = None,
 ) -> Ticks:
     """N simulations, turn by turn, which may differ in what :func:`alike` leaves open.
 
@@ -156,6 +157,7 @@ def ticks(
         live: likewise.
         progress: called with the simulated time, s.
         continuous: in continuous time.
+        kept: columns of the trace that are kept, all by default; the others are NaN, and take no room.
     """
     runs, mismatch = len(each), tuple(one.mismatch for one in each)
     if world is None and (plant == "mujoco" or sink is not None or live is not None):
@@ -182,7 +184,7 @@ def ticks(
     running = np.ones(runs, dtype=bool)
     log = Log(
         scenario, plant, np.array(seeds, dtype=np.int64), sheets, mismatch, sink, live,
-        continuous=continuous, told_truth=sense.exact,
+        continuous=continuous, told_truth=sense.exact, kept=kept,
     )  # fmt: skip
     if continuous:
         from mjmerge.simulation.continuous import solve  # scipy takes its time to import

@@ -425,3 +425,10 @@ def _least(values: Array) -> Array:
     """Minimum over the tick axis that ignores NaN, and is NaN where there is nothing else."""
     least: Array = np.where(np.isnan(values), np.inf, values).min(axis=1)
     return np.where(np.isinf(least), np.nan, least)
+
+
+OF_LEAST = (
+    "front_m", "velocity_mps", "distance_m", "distance_rate_mps", "gap_m", "gap_rate_mps",
+    EDGE_DISTANCE, LEADER.name, FOLLOWER.name,
+)  # fmt: skip
+"""The columns that :attr:`Trace.least_m` is made of."""

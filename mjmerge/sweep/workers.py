@@ -18,7 +18,7 @@ from mjmerge.errors import MjmergeError, WorkerError
 from mjmerge.sweep.elsewhere import Raised, do, sent
 from mjmerge.sweep.plan import Case
 from mjmerge.sweep.processes import Processes, tell
-from mjmerge.sweep.shards import TOGETHER, Shard, measure
+from mjmerge.sweep.shards import TOGETHER, Shard, dealt, measure
 
 AGAIN = 3
 """How often what was lost is tried again."""
@@ -86,6 +86,12 @@ class _Piece:
     at: tuple[int, ...]
     items: tuple[Any, ...]
     lost: int = 0
+
+    @classmethod
+    def of(cls, together: Sequence[Shard]) -> _Piece:
+        """Of shards that are simulated at once."""
+        cases = tuple(case for shard in together for case in shard.cases)
+        return cls(tuple(i for shard in together for i in shard.at), cases)
 
     def singly(self) -> list[_Piece]:
         """Each item by itself."""
@@ -165,24 +171,15 @@ class Workers:
         Raises:
             WorkerError: there are no workers any more.
         """
-        done = 0
-        if self._alone and (self._count == 1 or len(todo) == 1):
-            for shard in todo:
-                n = len(shard.at)
-                found = measure(shard.cases, 0, lambda part, done=done, n=n: progress(done + part * n))  # type: ignore[misc]
-                keep(shard, dict(zip(shard.at, found, strict=True)), {})
-                done += n
-                progress(done)
-            todo = []
         owner = {i: shard for shard in (*todo, *killers) for i in shard.at}
         rows: Rows = {}
         lost: dict[int, str] = {}
 
         def settle(piece: _Piece) -> None:
-            shard = owner[piece.at[0]]
-            if all(i in rows or i in lost for i in shard.at):
-                here = {i: rows.pop(i) for i in shard.at if i in rows}
-                keep(shard, here, {i: lost.pop(i) for i in shard.at if i in lost})
+            for shard in {owner[i].number: owner[i] for i in piece.at}.values():
+                if all(i in rows or i in lost for i in shard.at):
+                    here = {i: rows.pop(i) for i in shard.at if i in rows}
+                    keep(shard, here, {i: lost.pop(i) for i in shard.at if i in lost})
 
         def took(piece: _Piece, made: Sequence[dict[str, Any]]) -> None:
             rows.update(zip(piece.at, made, strict=True))
@@ -192,8 +189,17 @@ class Workers:
             lost[piece.at[0]] = why
             settle(piece)
 
-        pieces = [_Piece(shard.at, shard.cases) for shard in todo]
-        again = [one for shard in killers for one in _Piece(shard.at, shard.cases).singly()]
+        done = 0
+        if self._alone and (self._count == 1 or len(todo) == 1):
+            for piece in map(_Piece.of, dealt(todo, 1)):
+                n = len(piece.at)
+                found = measure(piece.items, 0, lambda part, done=done, n=n: progress(done + part * n))  # type: ignore[misc]
+                took(piece, found)
+                done += n
+                progress(done)
+            todo = []
+        pieces = [_Piece.of(together) for together in dealt(todo, self._count)]
+        again = [one for shard in killers for one in _Piece.of([shard]).singly()]
         self._work(_measure, [*pieces, *again], took, gone, lambda n: progress(done + n))
 
     def each(

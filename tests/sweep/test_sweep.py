@@ -11,21 +11,24 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import mjmerge
 from mjmerge.cli import main
 from mjmerge.config import shipped
 from mjmerge.errors import OutputError
 from mjmerge.simulation.trace import Stop
-from mjmerge.sweep import campaign, laws, tally
+from mjmerge.sweep import campaign, laws, tally, workers
 from mjmerge.sweep import report as sweep_report
 from mjmerge.sweep.folder import SHARDS, TABLE, code_files, identity
 from mjmerge.sweep.rows import EMPTY, FAILED, PASSED, rows
-from mjmerge.sweep.shards import shards
+from mjmerge.sweep.shards import Shard, dealt, measure, shards
 from mjmerge.sweep.sweep import sweep
 from mjmerge.verdict.judge import judge
 from tests.interfaces.test_rooms import ARROWS
@@ -374,3 +377,55 @@ def test_shards_are_of_much_the_same_size_and_bounded_in_ticks(file):
     assert [len(s.at) for s in shards(campaign.plan({"blocks": [block]}))] == [35, 35]
     long = block | {"set": {"duration_s": 1000}}
     assert max(len(s.at) for s in shards(campaign.plan({"blocks": [long]}))) * 100_001 <= 300_000
+
+
+@given(
+    st.lists(st.integers(1, 9), min_size=1, max_size=4),
+    st.integers(1, 5),
+    st.sampled_from([10, 10_000, 200_000]),
+)
+def test_two_shards_of_a_batch_are_simulated_at_once_unless_somebody_would_wait_for_it(sizes, workers, ticks):
+    batches = [SimpleNamespace(scenario=SimpleNamespace(ticks=ticks)) for _ in sizes]
+    every = [
+        Shard(number, (number,), (SimpleNamespace(batch=batch),))
+        for number, batch in enumerate(
+            batch for batch, n in zip(batches, sizes, strict=True) for _ in range(n)
+        )
+    ]
+    made = dealt(every, workers)
+    assert sorted(shard.number for some in made for shard in some) == [shard.number for shard in every]
+    assert all(len({id(shard.cases[0].batch) for shard in some}) == 1 for some in made)
+    assert all(len(some) * ticks <= 300_000 or len(some) == 1 for some in made)
+    assert max(map(len, made)) <= 2
+    if len(sizes) == 1:
+        assert longest(made, workers) == -(-sizes[0] // workers)
+        if ticks == 10:  # as few as that leaves
+            assert len(made) == sizes[0] - max(0, sizes[0] - -(-sizes[0] // (2 * workers)) * workers)
+    else:
+        assert longest(made, workers) <= longest([(shard,) for shard in every], workers) + 1
+
+
+def longest(made, workers: int) -> int:
+    """Shards that whoever does most has to do, where who is free takes the next."""
+    busy = [0] * workers
+    for some in made:
+        busy[busy.index(min(busy))] += len(some)
+    return max(busy)
+
+
+def test_rows_are_the_same_bits_whether_shards_are_simulated_alone_or_two_at_once(
+    file, tmp_path, monkeypatch
+):
+    plan = campaign.plan({"blocks": [{"scenarios": ["charge"], "set": {"duration_s": 0.2}, "seeds": 6}]})
+    together = []
+    monkeypatch.setattr(
+        workers, "measure", lambda cases, *more: together.append(len(cases)) or measure(cases, *more)
+    )
+    two = sweep(plan, tmp_path / "two", together=2)
+    monkeypatch.setattr(workers, "dealt", lambda some, _: [(shard,) for shard in some])
+    alone = sweep(plan, tmp_path / "alone", together=2)
+    assert together == [4, 2, 2, 2, 2]
+    assert two.equals(alone)
+    written = [sorted((tmp_path / name / SHARDS).iterdir()) for name in ("two", "alone")]
+    assert [f.read_bytes() for f in written[0]] == [f.read_bytes() for f in written[1]]
+    assert len(written[0]) == 3

@@ -11,6 +11,7 @@ from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
@@ -94,6 +95,12 @@ class Threads:
         """Nothing."""
 
 
+class Run(int):
+    """A run of a plan, as far as dealing goes."""
+
+    batch = SimpleNamespace(scenario=SimpleNamespace(ticks=10))
+
+
 class Nodes(Threads):
     """A crew like a cluster: who dies is known."""
 
@@ -114,7 +121,7 @@ def swept(crew, sizes, deadly):
     shards, first = [], 0
     for number, size in enumerate(sizes):
         at = tuple(range(first, first + size))
-        shards.append(Shard(number, at, at))
+        shards.append(Shard(number, at, tuple(map(Run, at))))
         first += size
     rows, lost, kept, seen = {}, {}, [], []
 
@@ -165,8 +172,8 @@ class Slow(Threads):
 def test_after_a_death_in_company_each_is_tried_alone_so_that_nobody_is_blamed_for_another():
     crew = Slow()
     _, _, tries, _ = swept(crew, [1] * 9, {4: 1000})
-    assert max(times for run, times in tries.items() if run != 4) <= 2
-    assert crew.renewed == 1 + AGAIN
+    assert max(times for run, times in tries.items() if run not in (4, 5)) <= 2  # 5 is simulated with it
+    assert crew.renewed == 2 * (1 + AGAIN)  # both together, then it alone
 
 
 def doubled(items, threads):

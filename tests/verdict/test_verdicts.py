@@ -143,9 +143,9 @@ def test_the_counterfactual_is_the_same_scenario_without_the_barrier_run_by_run(
 def test_what_is_known_already_of_a_run_without_the_barrier_is_not_run_again(monkeypatch):
     scenario, ran = load("charge", ["duration_s=0.7"]), []
 
-    def counted(scenario, each, *given):
+    def counted(scenario, each, *given, **more):
         ran.append(len(each))
-        return ticks(scenario, each, *given)
+        return ticks(scenario, each, *given, **more)
 
     monkeypatch.setattr(counterfactual, "ticks", counted)
     cases = [(seed, Mismatch(friction=friction)) for seed in (3, 4) for friction in (0.5, 1.0)]
@@ -161,9 +161,9 @@ def test_what_is_known_already_of_a_run_without_the_barrier_is_not_run_again(mon
 def test_the_ideals_without_and_with_the_barrier_run_together_each_to_the_bits_it_has_alone(monkeypatch):
     scenario, ran = load("charge", ["duration_s=1.5"]), []
 
-    def counted(scenario, each, *given):
+    def counted(scenario, each, *given, **more):
         ran.append(len(each))
-        return ticks(scenario, each, *given)
+        return ticks(scenario, each, *given, **more)
 
     monkeypatch.setattr(counterfactual, "ticks", counted)
     noisy = [(seed, Mismatch(neighbour_position_noise_m=0.02)) for seed in range(4)]
@@ -185,9 +185,9 @@ def test_the_ideals_without_and_with_the_barrier_run_together_each_to_the_bits_i
 def test_a_law_whose_bare_form_is_of_another_kind_runs_by_itself(monkeypatch):
     scenario, ran = load("charge", ["duration_s=0.5", "law.kind=cbf_qp"]), []
 
-    def counted(scenario, each, *given):
+    def counted(scenario, each, *given, **more):
         ran.append({one.law.kind for one in each})
-        return ticks(scenario, each, *given)
+        return ticks(scenario, each, *given, **more)
 
     monkeypatch.setattr(counterfactual, "ticks", counted)
     monkeypatch.setattr(type(scenario.law), "unguarded", lambda _: load("charge").law.unguarded())
