@@ -13,10 +13,11 @@ from mjmerge.plant.bicycle import Bicycle
 from mjmerge.plant.double_integrator import DoubleIntegrator
 from mjmerge.plant.mujoco import MuJoCo
 from mjmerge.roster import roster
+from mjmerge.scenario.cars import equipped
 from mjmerge.scenario.load import load
 from mjmerge.simulation.log import BLOCK_S
-from mjmerge.simulation.loop import simulate
-from mjmerge.simulation.trace import COLUMNS
+from mjmerge.simulation.loop import run, simulate, ticks
+from mjmerge.simulation.trace import COLUMNS, OF_LEAST
 from mjmerge.verdict.judge import judge
 from mjmerge.verdict.metrics import lateral_error_m, merged_at_s
 from mjmerge.verdict.summary import summary
@@ -356,3 +357,27 @@ def test_the_furthest_place_that_a_scenario_may_have_is_no_fault():
     steady = "drivers.vehicle_2={kind: steady, speed_mps: 0}"
     trace = simulate(load("paper", ["duration_s=0.1", *far, steady]), "double_integrator")
     assert not trace.stops
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("charge", ["mismatch.neighbour_position_noise_m=0.02"]),
+        ("platoon_8_small", ["law.choice=nearest"]),
+        ("ramp_small", []),
+        ("ramp_blocked", ["road.told=nothing"]),
+    ],
+)
+def test_the_columns_that_least_distances_follow_from_are_enough_for_them(name, more):
+    scenario = equipped(load(name, ["duration_s=1.5", "control_step_s=0.02", *more]))
+
+    def ran(**kept):
+        return run(ticks(scenario, [scenario] * 3, [0, 1, 2], "double_integrator", **kept)).finish()
+
+    few, whole = ran(kept=OF_LEAST), ran()
+    assert np.isfinite(whole.least_m).all()
+    assert few.least_m.tobytes() == whole.least_m.tobytes()
+    for name in ("torque_n_m", "speed_mps", "u_mps2"):  # nothing, and it takes no room
+        values = getattr(few, name)
+        assert np.isnan(values).all()
+        assert set(values.strides) == {0}
