@@ -363,7 +363,7 @@ def test_the_furthest_place_that_a_scenario_may_have_is_no_fault():
     ("name", "more"),
     [
         ("charge", ["mismatch.neighbour_position_noise_m=0.02"]),
-        ("platoon_8_small", ["law.choice=nearest"]),
+        ("platoon_8_small", ["law.choice=nearest", "duration_s=4"]),
         ("ramp_small", []),
         ("ramp_blocked", ["road.told=nothing"]),
     ],
@@ -377,6 +377,7 @@ def test_the_columns_that_least_distances_follow_from_are_enough_for_them(name, 
     few, whole = ran(kept=OF_LEAST), ran()
     assert np.isfinite(whole.least_m).all()
     assert few.least_m.tobytes() == whole.least_m.tobytes()
+    assert few.gap_m.tobytes() == whole.gap_m.tobytes()
     for name in ("torque_n_m", "speed_mps", "u_mps2"):  # nothing, and it takes no room
         values = getattr(few, name)
         assert np.isnan(values).all()
