@@ -123,7 +123,7 @@ class Cluster:
         return sum(cpus // self._cpus for cpus in found)
 
     def check(self) -> None:
-        """Asks every node what it computes with.
+        """Asks every node what it computes with; one that leaves meanwhile has nothing to say.
 
         Raises:
             MjmergeError: with every node that computes with something else, and what.
@@ -141,6 +141,8 @@ class Cluster:
         for (name, _), answer in asked.items():
             try:
                 problems += unlike(name, computing(), ray.get(answer, timeout=_START_S))
+            except ray.exceptions.TaskUnschedulableError:
+                continue  # and nobody computes there
             except Exception as error:
                 said = (str(error).strip().splitlines() or [""])[-1]
                 problems.append(f"node {name} does not say what it computes with: {said}")

@@ -160,6 +160,14 @@ def test_a_worker_killed_and_a_node_removed_in_mid_sweep_change_no_byte(nodes, p
     assert Path("ray", TABLE).read_bytes() == undisturbed
 
 
+def test_a_node_that_has_just_left_is_not_waited_for_and_no_error(nodes, place, undisturbed):
+    other = nodes.add_node(num_cpus=2)
+    nodes.wait_for_nodes()
+    nodes.remove_node(other, allow_graceful=False)  # the cluster notices in some seconds
+    assert command(SWEEP, "ray", *on(nodes)).wait(300) == 0, Path("ray.txt").read_text()
+    assert Path("ray", TABLE).read_bytes() == undisturbed
+
+
 @pytest.mark.parametrize("name", SEARCHES)
 def test_so_do_searches_and_estimates_whoever_does_the_work(name, nodes, place):
     words = [*SEARCHES[name].split(), *KEYS]
