@@ -20,6 +20,7 @@ import tyro
 
 from mjmerge.cli.crash import report
 from mjmerge.cli.streams import standard
+from mjmerge.cli.taken import given
 from mjmerge.errors import MjmergeError, nearest
 from mjmerge.interrupts import INTERRUPTED, is_command, leave, leave_quietly
 from mjmerge.outputs import no_room
@@ -126,11 +127,11 @@ def _parsed(arguments: Sequence[str]) -> Any:
     """The command with its options; of the others, only the help of them all reads the files.
 
     Raises:
-        MjmergeError: there is no such command.
+        MjmergeError: there is no such command, or a word is none of the few that it takes there.
     """
     first = arguments[0] if arguments else ""
     if first in COMMANDS:
-        return tyro.cli(command(first), prog=f"mjmerge {first}", args=arguments[1:])
+        return given(command(first), first, arguments[1:])
     if first and not first.startswith("-"):
         raise MjmergeError(f"no command called {first!r}: {nearest(first, COMMANDS)}")
     if first == "--version":

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Literal
 
 import tyro
 
 from mjmerge.cli import COMMANDS, command
 from mjmerge.cli.keys import table
+from mjmerge.cli.taken import Option, options
 from mjmerge.config import shipped
 from mjmerge.roster import PLANTS
 
@@ -29,49 +30,6 @@ class Completion:
             print("autoload -U +X bashcompinit && bashcompinit")
         print(script(), end="")
         return 0
-
-
-@dataclass(frozen=True)
-class Option:
-    """What a command takes.
-
-    Attributes:
-        flags: how it is said; none for what stands by itself.
-        takes: what follows it, or what it is, as in the help: N, DIR, SCENARIO|RUN; empty for a switch.
-        values: all that it may be, if they are few.
-    """
-
-    flags: tuple[str, ...]
-    takes: str
-    values: tuple[str, ...] = ()
-
-
-def options(made_by: Any) -> Iterator[Option]:
-    """What a command takes, in the order of its help, see :class:`tyro.conf.arg`."""
-    hints = get_type_hints(made_by, include_extras=True)
-    for field in fields(made_by):
-        hint = hints[field.name]
-        kind, *more = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-        called, takes = (_said(more, key) for key in ("name", "metavar"))
-        flag = "--" + (called or field.name).replace("_", "-")
-        if is_dataclass(kind):
-            yield from options(kind)
-        elif tyro.conf.Positional in more:
-            yield Option((), takes, _literal(kind))
-        elif kind is bool:
-            off = () if tyro.conf.FlagCreatePairsOff in more else (f"--no-{flag[2:]}",)
-            yield Option((flag, *off), "")
-        else:
-            yield Option((flag,), takes or "VALUE", _literal(kind))
-
-
-def _said(more: Sequence[object], key: str) -> str:
-    """What the markers of an option say of it, the last of them."""
-    return next((value for one in reversed(more) if (value := getattr(one, key, None))), "")
-
-
-def _literal(kind: Any) -> tuple[str, ...]:
-    return get_args(kind) if get_origin(kind) is Literal else ()
 
 
 def script() -> str:

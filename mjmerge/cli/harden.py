@@ -84,7 +84,8 @@ class Harden:
         from mjmerge.outputs import prepare
         from mjmerge.scenario.load import load
         from mjmerge.search.harden import harden, most_runs
-        from mjmerge.search.hardened import FILES, as_json, options, section, sentences, write
+        from mjmerge.search.harden_report import FILES, write
+        from mjmerge.search.hardened import as_json, options, section, sentences
         from mjmerge.search.keys import keys_of
         from mjmerge.search.methods import METHODS
         from mjmerge.search.space import Ground

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from types import SimpleNamespace
 from typing import Any, NamedTuple, get_args, get_origin
 
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from mjmerge.config.document import described, scalar
@@ -37,12 +39,44 @@ def _spot(model: type[Frozen], location: tuple[int | str, ...]) -> _Spot:
         else:
             field, holder = part, inside[0]
             keys.append(part)
-            info = holder.model_fields.get(part)
-            if info is None and issubclass(holder, PerCar) and slot(part) is not None:
-                info = holder.model_fields[neighbour(0)]  # as which every further one is
+            info = _field(holder, part)
             inside = list(_models_in(info.annotation)) if info else []
             named = info is not None and get_origin(info.annotation) is dict
     return _Spot(".".join(keys), field, holder, inside)
+
+
+def _field(holder: type[Frozen], name: str) -> FieldInfo | None:
+    """What a section says of a key of it; ``None`` if it has none of that name."""
+    info = holder.model_fields.get(name)
+    if info is None and issubclass(holder, PerCar) and slot(name) is not None:
+        return holder.model_fields[neighbour(0)]  # as which every further one is
+    return info
+
+
+def unknown(model: type[Frozen], key: str, sections: Mapping[str, Any]) -> str | None:
+    """What is wrong with a dotted key that is named in a file, if nothing can stand at it; else ``None``.
+
+    What any kind of a law or a driver has, can. Names and places in a list are not looked at.
+
+    Args:
+        model: of the file.
+        key: such as law.k_o.
+        sections: those of the file that are valid, for what is of a kind from outside.
+    """
+    value: Any = SimpleNamespace(**sections)
+    kinds, at = [model], ""
+    for part in key.split("."):
+        if isinstance(value, Frozen):
+            kinds = [*kinds, type(value)]
+        at = f"{at}.{part}".removeprefix(".")
+        found = [info for kind in kinds if (info := _field(kind, part)) is not None]
+        if kinds and not found:
+            return f"unknown key; {nearest(part, _meant(model, _Spot(at, part, kinds[-1], [])))}"
+        if any(get_origin(info.annotation) in (dict, tuple) for info in found):
+            return None
+        kinds = [kind for info in found for kind in _models_in(info.annotation)]
+        value = getattr(value, part, None)
+    return None
 
 
 def _models_in(annotation: Any) -> Iterator[type[Frozen]]:

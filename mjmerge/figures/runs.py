@@ -6,7 +6,7 @@ shows the difference. Lengths in m, time in s; nothing here opens a window.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -124,7 +124,7 @@ def distances(trace: Trace, ideal: Trace | None = None, axes: Panels = None) -> 
     return figure
 
 
-def comparison(a: Trace, b: Trace, labels: tuple[str, str], axes: Panels = None) -> Figure:
+def comparison(a: Trace, b: Trace, labels: Sequence[str], axes: Panels = None) -> Figure:
     """Opinion, lateral position and distances of two runs, the first broad and pale, and how they differ.
 
     Args:

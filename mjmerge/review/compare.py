@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import getitem
 from pathlib import Path
+from string import ascii_uppercase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from mjmerge.figures.style import save
 from mjmerge.outputs import whole
 from mjmerge.record.read import Recorded
 from mjmerge.review.claims import claimed_metrics
-from mjmerge.scenario.ran import ran
+from mjmerge.scenario.ran import given, ran
 from mjmerge.simulation.trace import Trace
 from mjmerge.state import Array
 from mjmerge.verdict.judge import Verdict, judge
@@ -37,6 +38,9 @@ _QUANTITIES: dict[str, tuple[str, Callable[[Trace], Array]]] = {
     "ego, command": ("m/s²", lambda t: np.hypot(*t.u_mps2[0, :, 0].T)),
 }
 """What two runs are compared by: unit, and the quantity over time, (T,)."""
+
+AS_IT_IS = "as it is"
+"""What a run is called that has nothing of what the others have."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +72,10 @@ class Side:
         return cls(recorded, trace, verdict, summary(trace, [verdict], metrics))
 
     @property
-    def label(self) -> str:
-        """What it is, in a few words."""
-        return f"{self.trace.scenario.name} on {self.trace.plant}, seed {self.trace.seeds[0]}"
+    def ran(self) -> list[str]:
+        """What ran, its mismatch, and what else was set, a line each."""
+        it = self.trace
+        return ran(it.scenario, it.plant, it.seeds[0], continuous=it.continuous, mismatch=it.mismatch[0])
 
 
 @dataclass(frozen=True)
@@ -90,11 +95,16 @@ class Apart:
     time_s: float | None
 
 
-def labels(a: Side, b: Side) -> tuple[str, str]:
-    """Names that tell two sides apart: what they are, or their files where that is the same."""
-    if a.label != b.label:
-        return a.label, b.label
-    return f"A: {a.recorded.path}", f"B: {b.recorded.path}"
+def labels(*sides: Side) -> tuple[str, ...]:
+    """Names that tell sides apart: what ran, or what differs of what was given, or else their files."""
+    what = tuple(side.ran[0] for side in sides)
+    every = [given(side.trace.scenario, side.trace.mismatch[0]) for side in sides]
+    own = [[text for text in one if not all(text in other for other in every)] for one in every]
+    differ = tuple(", ".join(texts) or AS_IT_IS for texts in own)
+    if len({*what}) > 1:
+        differ = tuple(map(", ".join, zip(what, differ, strict=True)))
+    files = tuple(f"{k}: {side.recorded.path}" for k, side in zip(ascii_uppercase, sides, strict=False))
+    return next((names for names in (what, differ) if len({*names}) == len(sides)), files)
 
 
 def differences(a: Trace, b: Trace) -> list[Apart]:
@@ -138,9 +148,6 @@ def table(a: Side, b: Side) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    def about(trace: Trace) -> list[str]:
-        return ran(trace.scenario, trace.plant, mismatch=trace.mismatch[0])
-
     grid = Table(box=None, pad_edge=False)
     grid.add_column()
     for side in "AB":
@@ -155,7 +162,7 @@ def table(a: Side, b: Side) -> Table:
 
     for name in ("scenario", "plant", "seed", "verdict"):
         row(name, str, name)
-    given = [dict(line.split(": ", 1) for line in about(side.trace)[1:]) for side in (a, b)]
+    given = [dict(line.split(": ", 1) for line in side.ran[1:]) for side in (a, b)]
     for name in ("mismatch", "set"):
         if any(name in one for one in given):
             grid.add_row(name, *(escape(one.get(name, "-")) for one in given), "")
@@ -185,7 +192,8 @@ def figure(a: Side, b: Side, path: Path) -> None:
     Raises:
         OutputError: the file is there already, or cannot be written.
     """
-    drawn = comparison(a.trace, b.trace, labels(a, b))
+    names = labels(a, b) if a.ran == b.ran else (a.ran[0], b.ran[0])  # the title says what else ran
+    drawn = comparison(a.trace, b.trace, names)
     whole(path, lambda partial: save(drawn, partial, path.suffix))
 
 

@@ -17,11 +17,12 @@ from ruamel.yaml.representer import SafeRepresenter
 from mjmerge.config import shipped
 from mjmerge.config.document import UNREADABLE, Document, copied, described, is_text, scalar
 from mjmerge.config.doors import Code, DoorError, from_outside, located, same, told
+from mjmerge.config.explain import unknown
 from mjmerge.config.frozen import Frozen
 from mjmerge.config.read import file_of, raise_problems, read, validated, validated_part
 from mjmerge.drivers import Absent, kinds
 from mjmerge.drivers.outside import GROUP, brought
-from mjmerge.errors import MjmergeError, ModelError, ScenarioError, UnknownNameError
+from mjmerge.errors import MjmergeError, ModelError, ScenarioError, UnknownNameError, nearest
 from mjmerge.law import AbsentLaw, Sensed, lacking
 from mjmerge.law import kinds as laws
 from mjmerge.law.asked import rehearse
@@ -31,6 +32,7 @@ from mjmerge.roster import in_order
 from mjmerge.scenario.cars import sheet_of
 from mjmerge.scenario.checks import check
 from mjmerge.scenario.metrics import find
+from mjmerge.scenario.mismatch import Mismatch
 from mjmerge.scenario.ramp import Ramp
 from mjmerge.scenario.schema import Models, Scenario
 from mjmerge.state import Cars
@@ -102,6 +104,8 @@ def load(
     if code and "law" in sections:  # who only reads a recording runs no law
         for message in lacking(sections["law"]):
             document.report(message, "law.kind")
+    if code and sheets is None:  # what a recording looks for is nobody's to mend
+        _searched(sections, document)
     raise_problems(where, document)
     assert scenario is not None, "what is not valid has problems"
     scenario = scenario.model_copy(update={key: sections[key] for key in ("models", "metrics")})
@@ -110,6 +114,25 @@ def load(
         raise_problems(where, document)
     loaded = scenario.named(name).giving(document.given).with_metric_codes(tuple(codes))
     return loaded if sheets is None else loaded.with_sheets(sheets)
+
+
+def _searched(sections: Mapping[str, Any], document: Document) -> None:
+    """Reports names of a search that are none: of keys, as far as their section is valid, and of axes."""
+    space = sections.get("search")
+    if space is None:
+        return
+    unread = {*Scenario.model_fields} - {*sections}
+    changed = {key.removesuffix(".kind") for key in document.given}  # of another kind than in the file
+    for key in space.axes:
+        if not any(key.startswith(f"{section}.") for section in unread | changed):
+            message = unknown(Scenario, key, sections)
+            if message is not None:
+                document.report(message, f"search.axes.{key}")
+    for i, name in enumerate(space.leave_out):
+        axis = name.removeprefix("mismatch.")
+        if axis not in Mismatch.model_fields:
+            message = f"no axis of mismatch called {axis!r}: {nearest(axis, Mismatch.model_fields)}"
+            document.report(message, f"search.leave_out.{i}")
 
 
 def _check_texts(given: object) -> None:

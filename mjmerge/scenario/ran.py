@@ -33,20 +33,39 @@ def ran(
     how = ", continuous time" if continuous else ""
     of = "" if seed is None else f", seed {seed}"
     lines = [f"{scenario.name} on {plant}{how}{of}{law and f', {law}'}"]
-    known = Mismatch()
-    off = [f"{k} {_short(v)}" for k, v in mismatch or scenario.mismatch if v != getattr(known, k)]
+    off = _off(mismatch or scenario.mismatch)
     if off:
-        lines.append(f"mismatch: {', '.join(off)}")
-    others = [said for said in scenario.changes if said.partition("=")[0].split(".")[0] not in _ELSEWHERE]
+        lines.append(f"mismatch: {', '.join(f'{key} {value}' for key, value in off.items())}")
+    others = _others(scenario)
     if others:
         lines.append(f"set: {', '.join(others)}")
     return lines
+
+
+def given(scenario: Scenario, mismatch: Mismatch | None = None) -> list[str]:
+    """Every mismatch, and whatever else was given beside the file, as ``--set`` takes it, to four digits.
+
+    Args:
+        scenario: the run's.
+        mismatch: of the run; by default the scenario's.
+    """
+    off = _off(mismatch or scenario.mismatch)
+    return [*(f"mismatch.{key}={value}" for key, value in off.items()), *_others(scenario)]
 
 
 def beneath(scenario: Scenario, plant: str, mismatch: Mismatch | None = None) -> list[str]:
     """Mismatch and settings as Markdown, to stand below a title; nothing where there are none."""
     said = "; ".join(ran(scenario, plant, mismatch=mismatch)[1:])
     return [f"**{said}**", ""] if said else []
+
+
+def _off(mismatch: Mismatch) -> dict[str, str]:
+    known = Mismatch()
+    return {key: _short(value) for key, value in mismatch if value != getattr(known, key)}
+
+
+def _others(scenario: Scenario) -> list[str]:
+    return [said for said in scenario.changes if said.partition("=")[0].split(".")[0] not in _ELSEWHERE]
 
 
 def _short(value: object) -> str:

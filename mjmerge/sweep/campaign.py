@@ -251,7 +251,9 @@ class _Block:
             self._blame(replace(problem, key=MISMATCH + problem.key), mine, source, where)
         if batch is None or mismatch is None:
             return None
-        found = Case(batch, point.name, 0, mismatch, as_overrides({s.key: s.value for s in mine}))
+        of_block = as_overrides({s.key: s.value for s in settings if s.at == self._below(f"set.{s.key}")})
+        differs = as_overrides({s.key: s.value for s in mine})
+        found = Case(batch, point.name, 0, mismatch, differs, of_block=of_block)
         idle = in_vain(batch, mismatch, [s.key for s in settings])
         if MISMATCH + point.level in idle:
             self.left_out.append((idle[MISMATCH + point.level], point.level))

@@ -69,6 +69,7 @@ class Case:
         mismatch: how the truth differs from what the law is told.
         differs: keys of that which differ from the file, as ``--set`` takes them.
         idle: keys that were to differ and are left out, because here they are without effect, and why.
+        of_block: of what differs, what its block sets in all its runs.
     """
 
     batch: Batch
@@ -77,6 +78,7 @@ class Case:
     mismatch: Mismatch
     differs: tuple[str, ...]
     idle: Mapping[str, str] = field(default_factory=dict)
+    of_block: tuple[str, ...] = ()
 
     @property
     def overrides(self) -> tuple[str, ...]:

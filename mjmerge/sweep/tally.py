@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,9 +74,9 @@ def summary(plan: Plan, table: pa.Table) -> dict[str, Any]:
 
 
 def notes(plan: Plan, table: pa.Table) -> list[str]:
-    """What a reader of the rates has to know, a line each: copies, axes left out, keys without effect."""
+    """What a reader of the rates has to know, a line each: keys set, copies, axes left out, keys in vain."""
     rows: Rows = table.to_pylist()
-    found = losses.lines(plan, losses.lost_of(table))
+    found = [*_set(plan, rows), *losses.lines(plan, losses.lost_of(table))]
     copies = len(rows) - len(distinct(rows))
     if copies:
         found.append(
@@ -89,6 +89,23 @@ def notes(plan: Plan, table: pa.Table) -> list[str]:
         idle = _idle(plan, group)
         found += [f"the {key} of {scenario} is without effect: it {why}" for key, why in idle.items()]
     return found
+
+
+def _set(plan: Plan, rows: Rows) -> Iterator[str]:
+    """What the blocks set in all their runs, as far as it acts there; in which runs, if not in all."""
+
+    def names(key: str, of: Rows) -> str:
+        return ", ".join(dict.fromkeys(row[key] for row in of))
+
+    by: dict[tuple[str, ...], Rows] = {}
+    for row in rows:
+        by.setdefault(plan.cases[row["run"]].of_block, []).append(row)
+    for said, of in by.items():
+        some = [names(k, of) for k in ("scenario", "plant", "variant") if names(k, of) != names(k, rows)]
+        only = f" in {len(of)} of {len(rows)} runs" if len(by) > 1 else ""
+        which = f" ({'; '.join(some)})" if some else ""
+        if said:
+            yield f"set{only}{which}: {', '.join(said)}"
 
 
 def _steps(plan: Plan, rows: Rows) -> list[str]:

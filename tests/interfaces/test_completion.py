@@ -10,8 +10,9 @@ import subprocess
 import pytest
 
 from mjmerge.cli import COMMANDS, command, main
-from mjmerge.cli.completion import options, script
+from mjmerge.cli.completion import script
 from mjmerge.cli.keys import table
+from mjmerge.cli.taken import options
 from mjmerge.config import shipped
 from mjmerge.config.document import parse
 from mjmerge.drivers import kinds as drivers

@@ -9,12 +9,16 @@ from itertools import pairwise
 import pytest
 
 from mjmerge.cli import COMMANDS, command, main
-from mjmerge.cli.completion import options
+from mjmerge.cli.taken import options
 
 OWN = {"--method"}
 """Options that choose among what only their command has."""
 PLACES = {"DIR", "FILE"}
 """What --out is: a folder where a command leaves several files, and else a file."""
+
+
+FEW = [(name, option) for name in COMMANDS for option in options(command(name)) if option.values]
+"""Everything that is one of a few words, with its command."""
 
 
 def taken():
@@ -68,3 +72,31 @@ def test_no_command_is_bad_input_and_answered_by_a_line_for_each(capsys, monkeyp
     lines = re.findall(r"^[│ ]   • (\w+) +(\S.*?\S) *│?$", said, re.MULTILINE)
     assert tuple(name for name, _ in lines) == COMMANDS
     assert all(line.endswith(".") and "Exit code" not in line for _, line in lines)
+
+
+@pytest.mark.parametrize(("name", "option"), FEW)
+def test_one_of_a_few_words_is_told_with_the_nearest_in_a_line(name, option, capsys):
+    alone = [one for one in options(command(name)) if not one.flags]
+    place = "".join(option.flags) or name
+    for word in option.values:
+        wrong = f"{word[:-1]}{2 * word[-1]}"
+        words = [wrong if one == option else "x" for one in alone]
+        with pytest.raises(SystemExit) as end:
+            main([name, *words, *((*option.flags, wrong) if option.flags else ())])
+        out, err = capsys.readouterr()
+        assert (end.value.code, out) == (2, "")
+        assert err == f"mjmerge: {place} takes no {wrong!r}: did you mean {word!r}?\n"
+
+
+def test_what_is_like_none_of_the_words_is_told_with_all_of_them(capsys):
+    assert len(FEW) > 8
+    with pytest.raises(SystemExit):
+        main(["completion", "fi"])
+    assert capsys.readouterr().err == "mjmerge: completion takes no 'fi': valid names: bash, zsh\n"
+
+
+def test_a_word_that_is_right_is_taken(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["schema", "campaign"])
+    assert end.value.code == 0
+    assert '"title": "Campaign"' in capsys.readouterr().out

@@ -14,7 +14,7 @@ import tyro
 import mjmerge
 from mjmerge.cli import COMMANDS as EVERY
 from mjmerge.cli import command, main
-from mjmerge.cli.completion import options
+from mjmerge.cli.taken import options
 from mjmerge.config import shipped
 from mjmerge.config.document import parse
 from mjmerge.drivers import kinds

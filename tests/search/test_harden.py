@@ -21,7 +21,8 @@ from mjmerge.search import methods
 from mjmerge.search.candidate import Candidate, counted_m, held_against
 from mjmerge.search.falsify import search
 from mjmerge.search.harden import Hardened, harden, worst_cases, worst_m
-from mjmerge.search.hardened import FILES, options, section, write
+from mjmerge.search.harden_report import FILES, write
+from mjmerge.search.hardened import options, section
 from mjmerge.search.keys import chosen, keys_of
 from mjmerge.search.margin import margin, pairs
 from mjmerge.search.space import Ground

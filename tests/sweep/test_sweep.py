@@ -335,6 +335,38 @@ def test_laws_stand_beside_each_other_with_what_each_buys_and_pays(tmp_path):
     assert len(laws.summary(found.to_pylist())) == 3
 
 
+def test_the_report_says_first_what_is_set_in_all_runs_of_a_block_as_far_as_it_acts_there(tmp_path):
+    def swept(*blocks):
+        shared = {"plants": ["double_integrator"]}
+        planned = campaign.plan({"blocks": [shared | block for block in blocks]})
+        return planned, sweep(planned, tmp_path / str(len(blocks)))
+
+    def said(*swept):
+        return [note for note in tally.notes(*swept) if note.startswith("set")]
+
+    short = {"control_step_s": 0.02, "duration_s": 0.1}
+    grid = {"duration_s": [0.08, 0.12], "mismatch.sensing_delay_s": [0, 0.02]}
+    one = {"scenarios": ["paper", "charge"], "set": short}
+    other = {"scenarios": ["charge"], "set": short | {"mismatch.command_delay_s": 0.02}, "grid": grid}
+    unset = {"scenarios": ["charge"], "mismatches": {"short": {"duration_s": 0.1}}}
+    unknown = short | {"mismatch.leader_acceleration": "unknown"}  # nobody listens without u_1
+    idle = {"scenarios": ["charge"], "set": unknown, "variants": ["literal", "no_u1"]}
+    assert said(*swept(one, other, unset)) == [
+        "set in 2 of 7 runs: control_step_s=0.02, duration_s=0.1",
+        "set in 4 of 7 runs (charge): control_step_s=0.02, mismatch.command_delay_s=0.02",
+    ]
+    assert said(*swept(idle, unset)) == [
+        "set in 1 of 3 runs (literal): control_step_s=0.02, duration_s=0.1, "
+        "mismatch.leader_acceleration=unknown",
+        "set in 1 of 3 runs (no_u1): control_step_s=0.02, duration_s=0.1",
+    ]
+    alone = swept(one)
+    sweep_report.write(*alone, tmp_path)
+    before = (tmp_path / "report.md").read_text().partition("## Failures")[0]
+    assert said(*alone) == ["set: control_step_s=0.02, duration_s=0.1"]
+    assert "\n- set: control_step_s=0.02, duration_s=0.1\n" in before
+
+
 def test_a_run_without_data_or_that_stopped_has_failed_and_a_vacuous_one_counts_neither_way(make_trace):
     """Four runs: safe because of the barrier, safe without it, stopped while safe, without any data."""
     d, rate, u_c = np.full((4, 40, 2), 1.0), np.zeros((4, 40, 2)), np.zeros((4, 40, 2))
