@@ -77,7 +77,7 @@ def main() -> None:
         other = f"highway-env {version('highway-env')}"
     except PackageNotFoundError:
         raise SystemExit("highway-env is not installed: pip install highway-env==1.12.1") from None
-    plain, larger = campaign(), campaign({"step_s": 0.002, "within_r": 0.02})
+    plain, larger = campaign(), campaign({"step_s": 0.002, "within_r": 0.01})
     found: dict[str, list[tuple[float, float]]] = {}
     with ProcessPoolExecutor(PROCESSES, get_context("spawn")) as pool:
         rolled_rates(pool, True, 1, 20.0)  # which imports
