@@ -60,7 +60,7 @@ def without_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
 
 
 def with_barrier_m(trace: Trace, runs: Sequence[int]) -> Array:
-    """How close they come there with it: the same of the scenario as it is."""
+    """How close they come there with it: the same of the scenario as it is, NaN likewise."""
     return ideals_m(trace, (), runs)[1]
 
 
@@ -73,12 +73,17 @@ def ideals_m(trace: Trace, without: Sequence[int], with_it: Sequence[int]) -> tu
 
 def _without(trace: Trace) -> _Ideal | None:
     scenario = unguarded(trace.scenario)
-    if scenario is None or any(isinstance(driver, Absent) for driver in scenario.neighbours):
+    return None if scenario is None or _absent(scenario) else _ideal(scenario)
+
+
+def _absent(scenario: Scenario) -> bool:
+    """Whether a driver's code is not here."""
+    return any(isinstance(driver, Absent) for driver in scenario.neighbours)
+
+
+def _with(trace: Trace) -> _Ideal | None:
+    if _absent(trace.scenario):
         return None
-    return _ideal(scenario)
-
-
-def _with(trace: Trace) -> _Ideal:
     scenario = trace.scenario.settled().model_copy(update={"mismatch": Mismatch()})
     if trace.plant == IDEAL and not trace.continuous and trace.mismatch == (Mismatch(),) * trace.runs:
         cases = [_case(trace, one) for one in range(trace.runs)]

@@ -90,7 +90,13 @@ def test_what_does_not_compile_or_asks_too_much_of_the_compiler_is_one_line(monk
 def strange(tmp_path, monkeypatch) -> Path:
     """A recording whose world would read a file."""
     evil = inside('<asset><mesh name="m" file="/etc/hostname"/></asset>')
-    monkeypatch.setattr("mjmerge.world.compose.build", lambda *given: replace(build(*given), xml=evil))
+
+    def made(*given):
+        world = replace(mine := build(*given), xml=evil)
+        vars(world)["drawn"] = mine.drawn  # what is drawn of it was compiled before
+        return world
+
+    monkeypatch.setattr("mjmerge.world.compose.build", made)
     scenario = mjmerge.load("paper", ["duration_s=0.2"])
     mjmerge.run.run(scenario, "double_integrator", folder=tmp_path / "strange")
     monkeypatch.chdir(tmp_path)
