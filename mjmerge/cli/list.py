@@ -43,7 +43,7 @@ class List:
             "campaigns": _campaigns,
             "models": _models,
             "laws": _laws,
-            "drivers": _drivers,
+            "drivers": lambda: _drivers(in_full=self.json or self.what == "drivers"),
             "plants": lambda: PLANTS,
             "metrics": _metrics,
             "axes": _mismatch,
@@ -97,7 +97,8 @@ def _laws() -> dict[str, str]:
     )
 
 
-def _drivers() -> dict[str, dict[str, Any]]:
+def _drivers(in_full: bool) -> dict[str, dict[str, Any]]:
+    """What each does, and in full the keys that it has."""
     from mjmerge.config.doors import installed
     from mjmerge.config.keys import keys
     from mjmerge.drivers import kinds
@@ -105,7 +106,7 @@ def _drivers() -> dict[str, dict[str, Any]]:
 
     def told(cls: Any) -> dict[str, Any]:
         said = f"{_first_line(cls.__doc__)} {'It can lead.' if cls.can_lead else 'It follows.'}"
-        every = {name: key._asdict() for name, key in keys(cls).items()}
+        every = {name: key._asdict() for name, key in keys(cls).items()} if in_full else {}
         return {"what": said, "can_lead": cls.can_lead, "keys": every}
 
     return {name: told(cls) for name, cls in sorted(kinds().items())} | {

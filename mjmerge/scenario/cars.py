@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mjmerge.config import shipped
 from mjmerge.config.doors import Code, code_of, from_outside
 from mjmerge.config.read import LARGEST_FILE_BYTES, raise_problems, read, validated
-from mjmerge.scenario.schema import Models, Scenario
 from mjmerge.vehicle.datasheet import DataSheet
+
+if TYPE_CHECKING:  # a data sheet is read without a scenario, whose schema takes its time to make
+    from mjmerge.scenario.schema import Models, Scenario
 
 
 def data_sheet(model: str) -> DataSheet:
